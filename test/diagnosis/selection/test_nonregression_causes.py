@@ -156,6 +156,11 @@ def test_each_that_is_known_becomes_a_cause(monkeypatch, known):
     found = made.nonregression_causes(collection, has, "course", others, Ledger(), [])
     assert periods == [1e-4] and found == [*known, "course", "sde"]       # jitter is looked for without the encoder's own error
     assert made.nonregression_causes(collection, has, None, others[:1], Ledger(), []) == list(known)
+    if "gap" in known:      # a rattle tells the drive behind it, unless a payload is named
+        monkeypatch.setattr(made, "_drive_behind", lambda *_: ["drive"])
+        has.gap.far, payload = True, types.SimpleNamespace(id="payload_change", effect="mass")
+        assert "drive" in made.nonregression_causes(collection, has, None, others[:1], Ledger(), [])
+        assert "drive" not in made.nonregression_causes(collection, has, None, [payload], Ledger(), [])
 
 
 def test_offset_and_dead_band_are_those_of_the_amplifiers_input():

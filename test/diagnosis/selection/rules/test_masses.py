@@ -102,3 +102,8 @@ def test_a_soft_drive_shows_no_inertia_in_the_torque(monkeypatch, soft, mass, st
     assert mass_or_drive._mass_of_a_soft_drive(case("payload_change"), drive, []) == said
     assert not mass_or_drive._mass_of_a_soft_drive(case(), drive, [])
     assert not mass_or_drive._mass_of_a_soft_drive(case("payload_change"), Choice("drive_compliance", drive.forms[1:]), [])
+
+
+@pytest.mark.parametrize(("channels", "behind"), [(("windup",), True), (("windup", "resonance"), False), (("torque",), False), (("torque", "windup"), True)])
+def test_behind_a_gap_the_deflection_is_kept_and_no_resonance(channels, behind):
+    assert mass_or_drive.behind_gap(types.SimpleNamespace(learn=dict.fromkeys(channels))) == behind

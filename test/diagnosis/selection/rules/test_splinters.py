@@ -161,10 +161,11 @@ def test_tilt_and_asymmetry_of_another_law_are_one_force_unless_the_fainter_hold
     assert (kept, rivals) == (([tilt], {"gravity_tilt": ["direction_asymmetry"]}) if open_ else ([tilt, asymmetry], {"gravity_tilt": []}))
 
 
-@pytest.mark.parametrize(("part", "kept"), [(45.0, False), (61.0, True)])
-def test_a_faint_cause_of_a_channel_of_its_own_is_dropped_below_sixty_of_chi_square(part, kept):
+@pytest.mark.parametrize(("whole", "part", "kept"), [(1.0e6, 45.0, False), (1.0e6, 61.0, True), (4.0e4, 45.0, True), (5.0e4, 45.0, False)])
+def test_a_faint_cause_of_a_channel_of_its_own_is_dropped_below_sixty_of_chi_square(whole, part, kept):
+    """And below a thousandth of the whole."""
     large, small = choice("amplifier_gain", "windup"), choice("encoder_sde", "position")
-    case = Parts({("amplifier_gain", "windup"): 1.0e6, ("encoder_sde", "position"): part})
+    case = Parts({("amplifier_gain", "windup"): whole, ("encoder_sde", "position"): part})
     assert (small in splinters.without_splinters(case, [large, small])) == kept
     assert splinters.without_splinters(case, [small]) == [small]        # alone it is judged elsewhere
 
@@ -206,3 +207,32 @@ def test_how_much_a_cause_explains_beside_a_larger_one_of_its_kind(larger, share
     case = Parts({(larger, "torque"): 1.0e6, ("torque_ripple", "torque"): share * 1.0e6})
     case.forms, case.channel_gain = [], lambda channel, choices, extra=(): case.held_gain(choices)
     assert splinters.is_splinter(case, Trial(small, share * 1.0e6, 1, 0.5), [large]) == splinter
+
+
+@pytest.mark.parametrize(("share", "left", "splinter"), [
+    (0.2, 0.0, False),              # too much for a misfit, whatever a wider shape takes of it
+    (0.1, 0.0, True), (0.1, 0.19, True), (0.1, 0.21, False),       # a fifth of it is left beside the wider shape
+    (0.02, 0.9, True),              # too little
+])
+def test_what_a_wider_shape_of_the_larger_cause_leaves_of_a_cause(share, left, splinter):
+    gain = share * 1.0e8
+    case, large, small = Beside("viscous_change", "gravity_tilt", gain, left * gain), choice("viscous_change"), choice("payload_change")
+    case.second = "payload_change"      # a friction, of which no shape of the other holds nothing
+    case.parts = {("viscous_change", "torque"): 1.0e8, ("payload_change", "torque"): gain}
+    assert splinters.is_splinter(case, Trial(small, gain, 1, 0.5 * gain), [large]) == splinter
+
+
+def test_a_cause_is_a_splinter_only_if_it_is_one_in_every_channel():
+    large, small = choice("viscous_change", "torque", "windup"), choice("payload_change", "torque", "windup")
+    case = Parts({("viscous_change", "torque"): 1.0e6, ("viscous_change", "windup"): 1.0e4})
+    case.forms, case.channel_gain = [], lambda channel, choices, extra=(): case.held_gain(choices, [channel])
+    assert splinters.is_splinter(case, Trial(small, 200.0, 1, 0.5), [large])            # 0.0002 and 0.02
+    assert not splinters.is_splinter(case, Trial(small, 2000.0, 1, 0.5), [large])       # 0.002 and 0.2
+    assert not splinters.is_splinter(case, Trial(small, 200.0, 1, 0.5), [choice("viscous_change", "torque")])   # alone in the wind-up
+
+
+@pytest.mark.parametrize(("left", "stands"), [(0.9, False), (1.1, True)])
+def test_a_cause_stands_beside_shapes_that_leave_more_than_half_of_it(left, stands):
+    case = Beside("presliding_creep", "cable_spring", 2.0, left)
+    shapes = splinters._whatever_else(case, "cable_spring", choice("presliding_creep"))
+    assert splinters.stands_beside(case, choice("cable_spring"), [choice("presliding_creep")], shapes) == stands
