@@ -62,6 +62,8 @@ def test_two_sizes_differ_by_more_than_half_and_three_errors(held, two):
 
 
 def test_a_negative_size_has_a_half_too():
+    assert not agreement.has_two_sizes(case((2.0, 0.01, 30.0), (1.1, 0.01, 20.0)), CHOICE, [])
+    assert agreement.has_two_sizes(case((2.0, 0.01, 30.0), (0.9, 0.01, 20.0)), CHOICE, [])
     assert agreement.has_two_sizes(case((-1.0, 0.01, 30.0), (-0.4, 0.01, 20.0)), CHOICE, [])
     assert not agreement.has_two_sizes(case((-1.0, 0.01, 30.0), (-0.6, 0.01, 20.0)), CHOICE, [])
 

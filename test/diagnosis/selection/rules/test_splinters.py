@@ -236,3 +236,24 @@ def test_a_cause_stands_beside_shapes_that_leave_more_than_half_of_it(left, stan
     case = Beside("presliding_creep", "cable_spring", 2.0, left)
     shapes = splinters._whatever_else(case, "cable_spring", choice("presliding_creep"))
     assert splinters.stands_beside(case, choice("cable_spring"), [choice("presliding_creep")], shapes) == stands
+
+
+@pytest.mark.parametrize(("learned", "held", "stands"), [(6.0, 6.0, True), (4.0, 6.0, False), (6.0, 4.0, False)])
+def test_two_causes_stand_side_by_side_if_the_one_keeps_more_than_half_beside_the_other(learned, held, stands):
+    """In what was learned and in what was held out; alone it explains ten."""
+    mine, other, third = choice("gravity_tilt"), choice("cable_spring"), choice("viscous_change")
+
+    def gains(beside):
+        known = {(): 0.0, ("gravity_tilt",): 10.0, ("cable_spring",): 20.0, ("cable_spring", "gravity_tilt"): 20.0 + beside}
+        return lambda choices: 100.0 + known[tuple(sorted(c.effect for c in choices if c is not third))]
+
+    evidences = types.SimpleNamespace(gain=gains(learned), held_gain=gains(held))
+    assert splinters.stand_side_by_side(evidences, mine, other, [third]) == stands
+
+
+def test_wider_shapes_are_those_of_the_effect_in_the_channel():
+    wanted = splinters.WIDER["viscous_change"]
+    forms = [Form(effect, channel, "", None) for effect in (*wanted, "generic:nothing of it") for channel in ("torque", "windup")]
+    found = splinters.wider_keys(types.SimpleNamespace(forms=forms), "viscous_change", "torque")
+    assert wanted and found == [("torque", (effect, "")) for effect in wanted]
+    assert splinters.wider_keys(types.SimpleNamespace(forms=forms), "no effect", "torque") == []
