@@ -1,8 +1,8 @@
 """The machine in hand: control periods through the backend's `read` and `write`, recorded and guarded.
 
 Every period passes `Machine.run`; nothing else writes a command, but for `simulated_periods`, which it calls. It clips
-the command, ends with zero on every way out, and ends the run when the encoder leaves the window, jumps, stops counting
-while the motor turns, or loses its number.
+commands, ends with zero on every way out, and ends when the encoder leaves the window, jumps, stops counting while the
+motor turns, or loses its number.
 What is called voltage here is the drive's command in its own unit: volts, or newton metres of a current-driven motor.
 """
 

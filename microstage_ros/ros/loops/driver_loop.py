@@ -13,7 +13,7 @@ from microstage_ros.hardware.limits import breach
 from microstage_ros.hardware.watchdog import BEAT, TAKEN, VOLTS
 from microstage_ros.hardware.watchdog import ZEROED as WENT_TO_ZERO
 from microstage_ros.numerics.compiled import in_place
-from microstage_ros.ros.loops.period_timing import early_ns, hold_back, learn_waking, too_early
+from microstage_ros.ros.loops.period_timing import early_ns, hold_back, learn_waking, next_due
 from microstage_ros.ros.transport.block_buffer import close, crowded, keep
 from microstage_ros.ros.transport.c_calls import (
     MONOTONIC,
@@ -196,8 +196,10 @@ def begin_period(stop, links, c, v, plants, states, works, readings, frames, raw
         return CROWDED
     if c.paced:
         hold_back(c, times)
-    elif c.pace_ns > 0 and too_early(c, times):
-        return EARLY
+    elif c.pace_ns > 0:
+        c.due_ns, rest = next_due(c.due_ns, now(MONOTONIC, times), c.pace_ns)
+        if rest > 0:
+            return EARLY
     c.begun_ns = now(MONOTONIC, times)
     if c.paced:
         zero_when_silent(c, v, guard, c.begun_ns, c.ahead_ns)

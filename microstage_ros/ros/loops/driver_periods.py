@@ -23,7 +23,7 @@ from microstage_ros.ros.loops.driver_loop import (
     WAITED,
 )
 from microstage_ros.ros.loops.driver_state import DriverState
-from microstage_ros.ros.loops.period_timing import due_next
+from microstage_ros.ros.loops.period_timing import next_due
 from microstage_ros.ros.transport import topics
 from microstage_ros.ros.transport.credit import UNLIMITED
 from microstage_ros.ros.transport.scheduling import SPIN, sleep_precisely, sleep_until
@@ -244,9 +244,12 @@ class DriverPeriods(DriverState):
         if n > self.ledger.limit and not self._await_credit(n):
             return
         if (rate := self.parameters.rate_limit) > 0.0:
-            self._due, rest = due_next(self._due, time.perf_counter(), self.period / rate)
-            if rest > 0.0:
-                return time.sleep(min(rest, SLICE))
+            due, pace = round((self._due or 0.0) * 1e9), round(self.period / rate * 1e9)
+            due, rest = next_due(due, time.perf_counter_ns(), pace)
+            self._due = due * 1e-9
+            if rest > 0:
+                time.sleep(min(rest * 1e-9, SLICE))
+                return
         begun = time.perf_counter()
         self._begin(round(n * self.period * 1e9))
         self._end_lockstep_period(n, begun, self._begun[2])
