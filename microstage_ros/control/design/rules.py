@@ -29,6 +29,7 @@ POSITION_SHARE, POSITION_RATE = 0.02, 5.0  # of the static gain; 1/s where the d
 NCTF = {"b": 455.0, "filter_time": 1.64e-3}
 OBSERVER = {"b": 2200.0, "w_p": 270.0, "w_i": 80.0}
 OBSERVER_PERIOD = 2.5e-4  # s; through longer ones a voltage that is held throws the stage: see `swing`
+RAISED = 1.2  # of K_D, as tuned; through a hold the tuned one is all that the stage bears
 HELD_W_I = 40.0  # 1/s, then
 
 
@@ -67,6 +68,7 @@ def observer_gains(model, period):
             "proportional": b * volts_per_acceleration(model) * w_p, "derivative_time": 1.0 / w_p,
             "integral_time": 1.0 / min(OBSERVER["w_i"], w_p / 3.4),
         }
+    raised = 1.0 if "swing_share" in motion else RAISED
     return {
         **motion,
         "filter_time": 0.0,
@@ -79,12 +81,12 @@ def observer_gains(model, period):
         "filter_ceiling": 2.5,
         "large": 1.0,
         "integral_ceiling": 1.2,
-        "damping_ceiling": 1.2,
+        "damping_ceiling": raised,
         "spread": 1.5,
         "follow": 0.0,
         "soft_proportional": 1.2,
         "soft_integral": 1.2,
-        "soft_damping": 1.2,
+        "soft_damping": raised,
         "least_ceiling": 0.12,
         "least_damping": 0.12,
         "least_integral": 0.12,

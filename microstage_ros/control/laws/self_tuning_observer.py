@@ -210,10 +210,10 @@ def regulate(parameters, state, reference):
         reference - observer.x - swing.read_swing(parameters.observer, observer),
         speed,
     )
-    gained = speed - state.feedforward.velocity if period > rules.OBSERVER_PERIOD else 0.0
+    gained = speed - state.feedforward.velocity
     # the observer's speed is that of now, the difference of the reference is the mean of the period before
     state.pid.reference_velocity = speed + 0.5 * gained + crossing.held_speed
-    inertia_doubt.plan_acceleration(observer, period, speed - state.feedforward.velocity)
+    inertia_doubt.plan_acceleration(observer, period, gained)
     state.feed_forward = feedforward.feedforward_step(
         model, state.feedforward, period, reference, observer.level, 1.0, crossing.offset_speed, observer.inertia
     )

@@ -100,7 +100,7 @@ def watch_dead_band(s, period, voltage, drop, constant, speed):
     s.band_wait_s += period
     size = abs(voltage)
     s.band_speed += min(period / SPEED_TIME, 1.0) * (speed - s.band_speed)
-    emf = constant * s.band_speed
+    emf = constant * (s.band_speed + SPEED_TIME * s.planned_acceleration)  # the average lags by its time
     if abs(emf) < SLOW and step < STEADY_STEP and size < EDGES[BINS]:
         k = 0
         while size >= EDGES[k + 1]:

@@ -7,7 +7,7 @@ motion, so what they disagree on tells (compiled parts of `observer_law`).
 
 import math
 
-from microstage_ros.control.observer.long_delay import far_voltage, keep_far_voltage
+from microstage_ros.control.observer.long_delay import LEAST, far_voltage, keep_far_voltage
 from microstage_ros.control.observer.motion_filter import along_motion
 from microstage_ros.control.observer.wind_up import wind_up_step
 from microstage_ros.numerics.compiled import compiled
@@ -239,7 +239,7 @@ def find_lag(p, model, s):
     """Which past voltage the current follows. True if it is another one than before.
 
     At rest the loop's steps of voltage are no larger than the amplifier's noise, and any delay may seem to fit for a
-    while.
+    while. A long delay has been clearer than every short one for a time, and needs no further proof against those.
     """
     best = s.lag
     if s.delayed == 1:
@@ -252,7 +252,8 @@ def find_lag(p, model, s):
         return False
     restored = s.changes == 0 or s.since > STEADY_TIME  # what a change of the drive shakes says nothing of the delay
     excited = s.far_voltage_power > LAG_LIMIT * LAG_LIMIT * p.voltage_noise * p.voltage_noise
-    clear = LAG_CLEAR * math.sqrt(s.far_voltage_power * s.far_current_power)
+    proven = s.delayed == 1 and s.lag < LEAST
+    clear = 0.0 if proven else LAG_CLEAR * math.sqrt(s.far_voltage_power * s.far_current_power)
     if (
         not excited
         or s.far_answers[best] - s.far_answers[s.lag] < clear

@@ -17,8 +17,11 @@ A filter that wide takes a wrong back-EMF for motion. So this is done only where
 encoder, both through two filters of `DIFFER_TIME`, within `AGREE` + `SHARE` of the speed; and where the motor constant
 has not been read yet, only at a speed of which `AGREE` is less than the share `SIGNIFICANT`, so that agreement says
 something. The back-EMF is doubted by no more than they differ meanwhile (`motor_constant.unread_variance`). Where they
-part, what d has taken in since goes: d and its variance are those of before, and nothing is doubted until the next
-acceleration.
+part by more than noise does now and then, `DISAGREE` + `SHARE` of the speed, what d has taken in since goes: d and its
+variance are those of before, and nothing is doubted until the next acceleration.
+
+A voltage that is doubted (`source_doubt`) leaves such a filter to the encoder, and the loop swings: b is divided by
+that doubt.
 """
 
 import math
@@ -31,6 +34,7 @@ STANDING = 5e-3  # m/s^2, of it that does not count
 DRIFT_TIME = 2e-2  # s
 DIFFER_TIME = 1.5e-3  # s, of each of two filters
 AGREE, SHARE = 4e-6, 0.03  # m/s; 1, as a motor constant that has not been read is doubted (`motor_constant`)
+DISAGREE = 6e-6  # m/s; beyond `AGREE` by chance in 3 of 40 first accelerations of half the rotor's inertia
 SIGNIFICANT = 0.1  # 1, of the speed
 FIELDS = [
     ("planned_acceleration", "f8"),  # m/s^2, of the reference, filtered
@@ -74,16 +78,17 @@ def doubt_inertia(s, period, read_speed, doubtful):
     compare_speeds(s, period, read_speed)
     strong = max(abs(s.planned_acceleration) - STANDING, 0.0)
     slowest = max(abs(s.v) - 2.0 * DIFFER_TIME * abs(s.planned_acceleration), 0.0)  # that the filters have still seen
-    differ = doubtful or abs(s.speed_difference[1]) > AGREE + SHARE * slowest
+    difference = abs(s.speed_difference[1]) - SHARE * slowest
+    differ = doubtful or difference > AGREE
     significant = s.emf_doubt == 0.0 or AGREE < SIGNIFICANT * slowest
     before = s.inertial_doubt
     if strong == 0.0:
         s.refused = 0
-    elif differ and significant:
+    elif (doubtful or difference > DISAGREE) and significant:
         s.refused = 1
     counted_off = 1.0 - 1.0 / (s.rho * s.inertia)
     share = min(math.sqrt(s.rho_variance / (s.rho * s.rho) + counted_off * counted_off), 1.0)
-    s.inertial_doubt = share * strong if s.refused == 0 and significant and not differ else 0.0
+    s.inertial_doubt = share * strong / s.voltage_factor if s.refused == 0 and significant and not differ else 0.0
     c = s.covariance
     if before == 0.0 and s.inertial_doubt > 0.0:
         s.d_before, s.d_variance_before = s.d, c[2, 2]

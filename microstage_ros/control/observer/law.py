@@ -299,6 +299,7 @@ def observer_step(p, model, s, period, encoder, voltage, current):
             s.changes += 1
         elif find_lag(p, model, s):
             forget_drive(p, s)  # learned from voltages of another period
+            source_doubt.trust_voltage(p, s)
         apply_learned(p, s, period)
         speed = speed_innovation(model, s, drop)
         doubt = voltage_variance(model, s, drop, s.v, 1.0)

@@ -102,6 +102,15 @@ def doubt_reset(p, s):
 
 
 @compiled
+def trust_voltage(p, s):
+    """The doubt in the voltage of the start: swings and steps that were not followed belong to another delay."""
+    s.voltage_factor = p.voltage_doubt
+    s.push_power = 0.0
+    s.unfollowed = 0
+    s.waves = 0
+
+
+@compiled
 def lost_motion_suspected(s):
     """Whether drive and stage rattle in a gap, known or not: then swings and accelerations say nothing of one mass."""
     return s.gap > 0.0 or s.suspected > 0.0
