@@ -72,6 +72,23 @@ def test_lost_and_reordered_messages_go_to_their_rows(tmp_path):
     assert "motor_angle_rad" not in record.columns
 
 
+@pytest.mark.parametrize("lead, lag", [(0, 0), (1, 0), (4, 3), (40, 200)])
+def test_a_recorder_that_joined_a_cell_leaves_rows_that_all_have_a_reference(tmp_path, lead, lag):
+    """Its first and last blocks of states and of commands need not begin and end at the same period."""
+    states = [(n, float(n)) for n in range(5000, 5600)]
+    write_cell(tmp_path / "bag", states, states[lead : 600 - lag])
+    record = read_record(tmp_path / "bag")
+    assert np.isfinite(record["reference_m"]).all()
+    np.testing.assert_array_equal(record["encoder_m"], np.arange(5000.0 + lead, 5600.0 - lag))
+
+
+def test_the_first_rows_of_a_cell_that_starts_are_kept(tmp_path):
+    states = [(n, float(n)) for n in range(600)]
+    write_cell(tmp_path / "bag", states, states[3:598])
+    record = read_record(tmp_path / "bag")
+    assert len(record) == 600 and np.isnan(record["reference_m"]).sum() == 5
+
+
 def test_readings_without_a_number_go_by_their_stamp(tmp_path):
     reading = own_definition("InterferometerReading")
     layout = layout_of_type(reading)

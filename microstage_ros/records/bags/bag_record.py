@@ -110,7 +110,7 @@ def bag_to_record(path, namespace=None):
     held = _by_period(rows, sequence - first - 1, states["applied_voltage"])
     columns["voltage_V"] = np.where(np.isnan(held), columns.get("voltage_V", held), held)
     columns = {name: values for name, values in columns.items() if name == "encoder_m" or not np.isnan(values).all()}
-    columns = _where_commanded(columns)
+    columns = _where_commanded(columns, joined=first > FIRST_ROWS)
     rows = len(columns["encoder_m"])
     command = _command(bag.custom_data)
     names = {VOLTAGE.column: command.column, VOLTAGE.disturbance: command.disturbance}
@@ -119,14 +119,16 @@ def bag_to_record(path, namespace=None):
     return Record(period_s, {"t_s": np.arange(rows) * period_s, **columns}, str(path), metadata)
 
 
-def _where_commanded(columns):
-    """The columns from the first row with a reference on, where a recorder that joined a running cell heard of the
-    controller later, and up to the last one, where it left before the commands came that answer its last states."""
+def _where_commanded(columns, joined):
+    """The columns from the first row with a reference on, where a recorder that ``joined`` a running cell heard of the
+    controller later, and up to the last one, where it left before the commands came that answer its last states.
+
+    A few such rows go too where it joined; those of a cell that starts or ends stay."""
     if "reference_m" not in columns:
         return columns
-    known = np.isfinite(columns["reference_m"])
+    known, few = np.isfinite(columns["reference_m"]), 0 if joined else FIRST_ROWS
     lead, lag = int(np.argmax(known)), int(np.argmax(known[::-1]))
-    first, last = lead if lead > FIRST_ROWS else 0, len(known) - (lag if FIRST_ROWS < lag <= LAST_ROWS else 0)
+    first, last = lead if lead > few else 0, len(known) - (lag if few < lag <= LAST_ROWS else 0)
     return {name: values[first:last] for name, values in columns.items()}
 
 
