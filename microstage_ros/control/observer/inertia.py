@@ -33,6 +33,7 @@ CORRELATED = 6e-3  # s, over which these hang together
 SPREADS = (0.5, 0.5, 1e-2, 50.0)  # standard deviations of J, l, c [m/s^2], k/M [1/s^2] at the start
 LEVEL_WALK, CONSTANT_WALK, WALK_LENGTH = 0.06, 1e-3, 1e-4  # 1, m/s^2, of l and c within so many m of travel
 SPEED_WALK, SLOWEST = 0.3, 1e-5  # 1, of l while the speed grows e-fold; m/s, slower is at rest
+UNREAD = 0.8  # of the relative variance of J at the start
 WEIGHED = 0.3  # least standard deviation over J, when the motor's constant was found elsewhere
 SLACK = 0.15  # of the logarithm of the inertia, within which it is taken as the file says
 CLEAR = 2.0  # standard deviations of the inertia, likewise
@@ -76,6 +77,12 @@ def weigh_anew(s, factor):
     c[0, 1] = c[0, 2] = c[0, 3] = 0.0
     keep_inertia(s, found, max(c[0, 0] / (factor * factor), WEIGHED * WEIGHED * found * found))
     s.inertia = max(s.inertia / factor, LOWEST)
+
+
+@compiled
+def inertia_unread(s):
+    """Whether no acceleration has told the inertia yet."""
+    return s.rho_variance > UNREAD * SPREADS[0] * SPREADS[0] * s.rho * s.rho
 
 
 @compiled

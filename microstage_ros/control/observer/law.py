@@ -305,6 +305,7 @@ def observer_step(p, model, s, period, encoder, voltage, current):
         doubt = voltage_variance(model, s, drop, s.v, 1.0)
         doubtful = s.contact != TOUCHING or source_doubt.lost_motion_suspected(s) or s.waves > source_doubt.SWINGS
         inertia.learn_inertia(model, s, period, inertia.mean_net(s, parts), read_speed, doubtful)
+        source_doubt.trust_lighter(p, s)
         s.current = current
         constant = s.emf_centre * model.volts_per_velocity
         if s.contact == TOUCHING and dead_band.watch_dead_band(s, period, voltage, drop, constant, read_speed):

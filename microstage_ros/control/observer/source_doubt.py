@@ -17,6 +17,11 @@ drive's in a fast move, raises the doubt in the encoder by as much as it grows, 
 with every one, and `STEP` would not follow. A doubt falls back at `FADE`, slowly, so that a machine whose doubt was
 found stays near it. The doubts at the start are those that hold the axis file's own model (`design.start_check`).
 
+A loop whose axis is lighter than it counts with has too high a gain, and swings by that alone, in both sources. So
+until an acceleration has told the inertia, doubts of which the voltage's is no smaller fall back at `RELAX`
+while the axis slides; and where it is found to be lighter than at the last swing, by `LIGHTER`, both go back to those
+of the start (`trust_lighter`).
+
 A voltage that acts late needs no swing to be seen: where its steps are large, the current does not follow them. An
 amplifier with a lag, a dead band or a slow filter of the current leave less than `FOLLOWS` of their mean square
 (`long_delay` keeps the current's; a resistance or gain that is off by a factor of two leaves more). The voltage is then
@@ -34,6 +39,7 @@ fade at rest.
 """
 
 from microstage_ros.control.half_waves import half_wave
+from microstage_ros.control.observer.inertia import inertia_unread
 from microstage_ros.control.observer.long_delay import MEMORY, far_voltage
 from microstage_ros.numerics.compiled import compiled
 
@@ -66,9 +72,14 @@ UNFOLLOWED = 5.0
 FOLLOWED = 0.3  # share of the steps of the voltage, in R times the current's; a lag of 1 ms leaves 0.1 of a step
 PERIODS = 20  # in a row: a current that answers late has answered by then
 FADE = 1e-2  # 1/s, of the logarithm
+# calibrated with `robustness --only "rotor inertia x 0.25"`: used on the doubts of heavy stages and soft drives
+# too, their first fast move failed
+RELAX = 1.0  # 1/s, of the logarithm
+LIGHTER = 0.6  # of the inertia counted with: a gain 4.4 dB too high
 FIELDS = [
     ("encoder_factor", "f8"),  # doubt in the encoder over the shipped one
     ("voltage_factor", "f8"),  # doubt in the voltage behind the back-EMF, over what its noise asks for
+    ("swung_inertia", "f8"),  # 1, moving mass over the file's, counted with at the last swing
     ("encoder_noise", "f8"),  # m, doubt in the encoder that is counted with
     ("wave_smooth", "f8"),  # m, innovation without noise
     ("wave_slow", "f8"),  # m, its slow part
@@ -89,6 +100,7 @@ def doubt_reset(p, s):
     """The doubts of the start."""
     s.encoder_factor = p.encoder_doubt
     s.voltage_factor = p.voltage_doubt
+    s.swung_inertia = 0.0
     s.encoder_noise = p.encoder_doubt * p.encoder_noise
     s.wave_smooth = 0.0
     s.wave_slow = 0.0
@@ -108,6 +120,15 @@ def trust_voltage(p, s):
     s.push_power = 0.0
     s.unfollowed = 0
     s.waves = 0
+
+
+@compiled
+def trust_lighter(p, s):
+    """The doubts of the start where the axis is found to be far lighter than at the last swing."""
+    if s.inertia < LIGHTER * s.swung_inertia:
+        s.encoder_factor, s.voltage_factor = p.encoder_doubt, p.voltage_doubt
+        s.swung_inertia = s.inertia
+        s.waves = 0
 
 
 @compiled
@@ -153,8 +174,12 @@ def weigh_sources(p, model, s, period, position):
         s.wave_time = 0.0
     elif abs(fast) > abs(s.wave_peak):
         s.wave_peak = fast
-    s.encoder_factor = max(s.encoder_factor * (1.0 - FADE * period), p.encoder_doubt)
-    s.voltage_factor = max(s.voltage_factor * (1.0 - FADE * period), p.voltage_doubt)
+    both = s.encoder_factor > p.encoder_doubt
+    both = both and s.voltage_factor * p.encoder_doubt >= s.encoder_factor * p.voltage_doubt
+    slides = s.slipping > 0.9 and s.waves == 0 and s.rest_time_s == 0.0
+    kept = 1.0 - (RELAX if both and slides and inertia_unread(s) else FADE) * period
+    s.encoder_factor = max(s.encoder_factor * kept, p.encoder_doubt)
+    s.voltage_factor = max(s.voltage_factor * kept, p.voltage_doubt)
     s.encoder_noise = s.encoder_factor * p.encoder_noise
 
 
@@ -181,6 +206,7 @@ def doubt_more(p, s):
         s.suspected = SUSPECTED_TIME
     if not late and s.suspected > 0.0:
         return
+    s.swung_inertia = s.inertia
     if not late:
         step = min(abs(s.wave_peak) / s.wave_before, LARGEST_STEP) if swings_up(s) else STEP
         s.encoder_factor = min(step * s.encoder_factor, max(MOST_ENCODER, p.encoder_doubt))

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from microstage_ros.control.friction_observer import FrictionObserver
+from microstage_ros.control.laws.controller import make_controller
+from microstage_ros.control.observer import drive_learning, source_doubt
 
 PROGRAM = [
     {"sine": {"amplitude_m": 1e-5, "frequency_hz": 0.5, "cycles": 1.0}},
@@ -61,3 +63,31 @@ def test_a_long_delay_costs_no_more_than_under_the_encoder_only_law(axis, run, d
 def test_no_long_delay_is_found_where_there_is_none(axis, run, conditions):
     for seed in (1, 2):
         assert not np.any(delayed(axis, run("self_tuning_observer", PROGRAM, seed=seed, **conditions)))
+
+
+def lately_delayed(axis, lag, answers):
+    """(parameters, memory of the observer) of a loop whose long delay of 5 periods has been clear, counted with ``lag``."""
+    controller = make_controller("self_tuning_observer", axis)
+    parameters, memory = controller.parameters, controller.memory["observer"]
+    volts, amperes = 0.05, 0.05 / float(parameters["feedforward"]["resistance"])
+    memory["far_voltage_power"], memory["far_current_power"] = volts**2, amperes**2
+    memory["far_answers"][: len(answers)] = np.array(answers) * volts * amperes
+    memory["delayed"], memory["delay"], memory["lag"] = 1, 5, lag
+    return parameters, memory
+
+
+@pytest.mark.parametrize("lag, found", [(4, 5), (0, 5), (7, 7)])
+def test_a_long_delay_that_was_clear_of_every_short_one_replaces_it(axis, lag, found):
+    """In a swing the steps of two neighbouring periods hardly differ: lag 4 was kept for 0.2 s behind a delay of 5 (1.8 um once)."""
+    parameters, memory = lately_delayed(axis, lag, (0.5, 0.55, 0.6, 0.65, 0.7, 0.8, 0.7, 0.65))
+    drive_learning.find_lag(parameters["observer"], parameters["feedforward"], memory)
+    assert memory["lag"] == found
+
+
+def test_doubts_that_an_unknown_delay_raised_go_with_it(axis):
+    """They stayed for minutes: behind half a millisecond 0.2 to 0.26 um in 7 of 1200 records."""
+    parameters, memory = make_controller("self_tuning_observer", axis).parameters, make_controller("self_tuning_observer", axis).memory["observer"]
+    memory["voltage_factor"], memory["unfollowed"], memory["push_power"], memory["waves"] = 5.0, 30, 1.0, 4
+    source_doubt.trust_voltage(parameters["observer"], memory)
+    assert memory["voltage_factor"] == parameters["observer"]["voltage_doubt"]
+    assert memory["unfollowed"] == memory["waves"] == memory["push_power"] == 0

@@ -1,4 +1,4 @@
-"""What the law does in fast moves and after its first steps, where the commit before these tests fails each of them."""
+"""Fast moves on machines other than the file's: what costs nothing there, with what it cost before."""
 
 import numpy as np
 import pytest
@@ -6,12 +6,12 @@ import pytest
 from microstage_ros.control.design.rules import observer_gains
 from microstage_ros.control.feedforward import axis as feedforward
 from microstage_ros.control.laws.controller import make_controller
-from microstage_ros.control.observer import drive_learning, inertia_doubt, source_doubt
+from microstage_ros.control.observer import inertia_doubt, source_doubt
 from microstage_ros.control.robustness.campaign import examine
 from microstage_ros.control.robustness.conditions import conditions
 
 LAW = "self_tuning_observer"
-NAMED = {"filter": "current filter 1 kHz", "band": "dead band 5 mV", "light": "friction x 0.3", "slow": "1 kHz"}
+NAMED = {"filter": "current filter 1 kHz", "band": "dead band 5 mV", "easy": "friction x 0.3", "slow": "1 kHz", "light": "rotor inertia x 0.25"}
 
 
 def largest(axis, name, seeds):
@@ -37,7 +37,7 @@ def test_the_wanted_speed_is_that_of_now(axis, run):
 
 def test_through_a_held_voltage_k_d_goes_no_further_than_designed(axis):
     """At 1 kHz the designed K_D is what the hold bears; with 1.2 times it the loop swung at half the sampling rate, K_P fell to
-    a tenth, and the next moves went 0.3 um astray in the median of 40 seeds, 0.63 at most; 0.10 and 0.11 since."""
+    a tenth, and the next moves went 0.30 um astray in the median of 40 seeds, 0.46 at most; 0.10 and 0.11 since."""
     model = np.zeros(1, feedforward.PARAMETERS)[0]
     feedforward.fill_model(model, axis)
     for period, most in ((1e-4, 1.2), (2e-4, 1.2), (1e-3, 1.0)):
@@ -47,8 +47,10 @@ def test_through_a_held_voltage_k_d_goes_no_further_than_designed(axis):
 
 
 def test_a_known_dead_band_is_not_lost_in_fast_moves(axis):
-    """Bins that were filled while the averaged speed lagged behind refuted a band of 5 mV: 104 to 393 nm in 5 of 40 seeds."""
-    assert np.count_nonzero(largest(axis, "band", (51005, 51006, 51024, 51030, 51036)) > 1e-7) < 2
+    """Bins that were filled while the averaged speed lagged behind refuted a band of 5 mV: 104 to 393 nm in 5 of 40 seeds on one
+    computer, 105 to 147 in five others on another (commit 8b924b0); 66 at most since."""
+    seeds = (51004, 51005, 51006, 51013, 51022, 51024, 51030, 51036, 51039)
+    assert np.count_nonzero(largest(axis, "band", seeds) > 1e-7) < 2
 
 
 def test_a_late_current_does_not_widen_the_filter(axis):
@@ -60,7 +62,7 @@ def test_a_late_current_does_not_widen_the_filter(axis):
 
 def test_fast_moves_with_little_friction(axis):
     """54 nm in the median of 40 seeds; 38 since the wanted speed is that of now."""
-    assert np.median(largest(axis, "light", range(51000, 51005))) < 4.8e-8
+    assert np.median(largest(axis, "easy", range(51000, 51005))) < 4.8e-8
 
 
 @pytest.mark.parametrize("apart, factor, refused, share", [(3e-6, 1.0, 0, 1.0), (3e-6, 4.0, 0, 0.25), (5e-6, 1.0, 0, 0.0), (7e-6, 1.0, 1, 0.0)])
@@ -78,29 +80,33 @@ def test_back_emf_and_encoder_may_part_by_chance(axis, apart, factor, refused, s
     assert memory["inertial_doubt"] == pytest.approx(share * whole)
 
 
-def lately_delayed(axis, lag, answers):
-    """(parameters, memory of the observer) of a loop whose long delay of 5 periods has been clear, counted with ``lag``."""
+def test_doubts_of_a_loop_with_too_high_a_gain_go_when_the_inertia_is_found(axis):
+    """The start made the loop swing that counts with four times the inertia, and both doubts stayed at 4 to 10 times: 0.22 to 0.76
+    um in five of 24 records, as in these; 0.09 since, 0.35 in one of the 24, which swings at a reversal, too."""
+    assert np.count_nonzero(largest(axis, "light", (53010, 53013, 53015, 53017, 53022)) > 1.3e-7) < 2
+
+
+@pytest.mark.parametrize("found, kept", [(0.59, False), (0.61, True), (1.0, True), (2.0, True)])
+def test_doubts_go_where_the_axis_is_far_lighter_than_at_the_last_swing(axis, found, kept):
+    controller = make_controller(LAW, axis)
+    parameters, memory = controller.parameters["observer"], controller.memory["observer"]
+    memory["encoder_factor"], memory["voltage_factor"], memory["swung_inertia"], memory["waves"] = 8.0, 4.0, 1.0, 3
+    memory["inertia"] = found
+    source_doubt.trust_lighter(parameters, memory)
+    assert (memory["encoder_factor"], memory["voltage_factor"], memory["waves"]) == ((8.0, 4.0, 3) if kept else (1.0, 1.0, 0))
+
+
+@pytest.mark.parametrize("encoder, voltage, told, given_back", [(6.0, 8.0, False, True), (8.0, 6.0, False, False), (6.0, 8.0, True, False),
+                                                               (1.0, 8.0, False, False)])
+def test_doubts_in_both_are_given_back_until_the_inertia_is_known(axis, encoder, voltage, told, given_back):
+    """In a second of sliding: both, where the encoder is not the more doubted one (a heavy stage, a soft drive)."""
     controller = make_controller(LAW, axis)
     parameters, memory = controller.parameters, controller.memory["observer"]
-    volts, amperes = 0.05, 0.05 / float(parameters["feedforward"]["resistance"])
-    memory["far_voltage_power"], memory["far_current_power"] = volts**2, amperes**2
-    memory["far_answers"][: len(answers)] = np.array(answers) * volts * amperes
-    memory["delayed"], memory["delay"], memory["lag"] = 1, 5, lag
-    return parameters, memory
-
-
-@pytest.mark.parametrize("lag, found", [(4, 5), (0, 5), (7, 7)])
-def test_a_long_delay_that_was_clear_of_every_short_one_replaces_it(axis, lag, found):
-    """In a swing the steps of two neighbouring periods hardly differ: lag 4 was kept for 0.2 s behind a delay of 5 (1.8 um once)."""
-    parameters, memory = lately_delayed(axis, lag, (0.5, 0.55, 0.6, 0.65, 0.7, 0.8, 0.7, 0.65))
-    drive_learning.find_lag(parameters["observer"], parameters["feedforward"], memory)
-    assert memory["lag"] == found
-
-
-def test_doubts_that_an_unknown_delay_raised_go_with_it(axis):
-    """They stayed for minutes: behind half a millisecond 0.2 to 0.26 um in 7 of 1200 records."""
-    parameters, memory = make_controller(LAW, axis).parameters, make_controller(LAW, axis).memory["observer"]
-    memory["voltage_factor"], memory["unfollowed"], memory["push_power"], memory["waves"] = 5.0, 30, 1.0, 4
-    source_doubt.trust_voltage(parameters["observer"], memory)
-    assert memory["voltage_factor"] == parameters["observer"]["voltage_doubt"]
-    assert memory["unfollowed"] == memory["waves"] == memory["push_power"] == 0
+    memory["encoder_factor"], memory["voltage_factor"], memory["slipping"] = encoder, voltage, 1.0
+    if told:
+        memory["rho_variance"] *= 0.5
+    for _ in range(10_000):
+        source_doubt.weigh_sources(parameters["observer"], parameters["feedforward"], memory, 1e-4, 0.0)
+    left = np.exp(-source_doubt.RELAX if given_back else -source_doubt.FADE)
+    assert memory["encoder_factor"] == pytest.approx(max(encoder * left, 1.0), rel=1e-3)
+    assert memory["voltage_factor"] == pytest.approx(voltage * left, rel=1e-3)
