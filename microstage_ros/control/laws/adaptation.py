@@ -88,6 +88,7 @@ SLOWLY = 0.04  # of `back_off`, below `prompt`
 FILTERED = 0.7
 LASTING = 40  # swings in a row, beyond which what has been lowered does not end them
 LEAST_HUSH = math.log(0.01)  # of K_P and K_D
+UNSEEN_TIME = 2e-2  # s, of one such step where the swing is not counted by half waves
 # half waves, of the smallest since they began to fade; derived: friction does not hold a swing that has grown twofold
 THROWN = 2.0
 # m, error within which friction is left to hold it: K_I would only wind up until it lets go; chosen on ten times the
@@ -258,6 +259,13 @@ def hush(p, s, still, period):
         if s.rest_swings > LASTING:
             s.rest_wave = min(s.rest_wave, s.wave) if s.rest_wave > 0.0 else s.wave
             s.hush = max(s.hush - p.back_off, LEAST_HUSH)
+
+
+@compiled
+def fade_at_rest(p, s, wave, period):
+    """As `hush`, where not the loop's own error but the encoder shows the swing, of half wave ``wave`` [m]."""
+    s.rest_wave = max(s.rest_wave, wave)
+    s.hush = max(s.hush - p.back_off * period / UNSEEN_TIME, LEAST_HUSH)
 
 
 @compiled

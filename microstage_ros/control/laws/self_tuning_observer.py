@@ -226,6 +226,9 @@ def regulate(parameters, state, reference):
     wind_up.plan_wind_up(model, observer, wound_up)
     if observer.lag > 0:
         slow_for_delay(parameters, state.adaptation, observer.lag * period)
+    if watched.rest_swing > parameters.supervision.rest_swing:
+        wave = 0.5 * math.pi * watched.rest_swing  # of a sine of that mean size
+        adaptation.fade_at_rest(parameters.adaptation, state.adaptation, wave, period)
     if not in_gap:
         adaptation.adaptation_step(
             parameters.adaptation,

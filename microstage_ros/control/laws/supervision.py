@@ -6,7 +6,8 @@ The observer law leans on its model of the drive. Three signs say that the model
 * a limit cycle: half waves of the error (encoder alone, without its slow part) beyond `swing`, each within `half_wave`
   of the one before: more than `swings` in a row for `cycle_time`, since a motor that rattles in a gap finds its
   contact by then, and the observer its doubts (`observer.source_doubt`), or the fifth, beyond `large_swing`. Noise does
-  not alternate so regularly, and a move gives one or two;
+  not alternate so regularly, and a move gives one or two. At rest a smaller one is no sign: while the size of the
+  error's fast part, averaged over `REST_TIME`, is beyond `rest_swing`, K_P and K_D fade (`adaptation.fade_at_rest`);
 * the axis rests beside its target: beyond `beside` for `beside_time` while the reference stands, or the error's size,
   averaged over `REST_TIME`, is beyond `rest_error` there: a swing that is too slow or too small for the first sign;
 * innovations: the mean square of the position's and of the speed's innovation over what the filter expects stays beyond
@@ -37,6 +38,7 @@ GAINS = (
     Gain("beside", "m", 1e-9, 1.0, 1.5e-7, "error at rest that is no rest at the target"),
     Gain("beside_time", "s", 1e-3, 100.0, 0.25, "for which it lasts"),
     Gain("rest_error", "m", 1e-9, 1.0, 1.0e-7, "mean size of the error at rest that is no rest"),
+    Gain("rest_swing", "m", 1e-9, 1.0, 6.0e-8, "mean size of the error's fast part at rest that is a swing"),
     Gain("lost", "m", 1e-9, 1.0, 1.2e-5, "error while drive and stage are apart that no gap explains"),
     Gain("lost_time", "s", 0.0, 100.0, 5e-3, "for which it lasts"),
     Gain("proof_time", "s", 0.0, 100.0, 0.05, "of motion, consistent, before the observer law is tried again"),
@@ -95,6 +97,7 @@ FIELDS = [
     ("beside", "f8"),  # s, for which the axis has rested beside its target
     ("doubted", "f8"),  # s, for which innovations were too large
     ("rest_size", "f8"),  # m, mean size of the error at rest
+    ("rest_swing", "f8"),  # m, that of its fast part
     ("lost", "f8"),  # s, for which the error has been too large while apart
     ("proved", "f8"),  # s, of motion with consistent innovations
     ("calm", "f8"),  # s, at rest at the target and consistent
@@ -108,7 +111,7 @@ def _count_anew(s):
     s.swings = 0
     s.beside = 0.0
     s.doubted = 0.0
-    s.rest_size = 0.0
+    s.rest_size = s.rest_swing = 0.0
 
 
 @compiled
@@ -155,8 +158,9 @@ def watch_error(p, s, error, reference_speed, in_gap, voltage, period):
     s.lost = s.lost + period if in_gap and abs(error) > p.lost else 0.0
     if s.rest_time_s > SETTLED_TIME:
         s.rest_size += period / REST_TIME * (abs(s.smooth) - s.rest_size)
+        s.rest_swing += period / REST_TIME * (abs(fast) - s.rest_swing)
     else:
-        s.rest_size = 0.0
+        s.rest_size = s.rest_swing = 0.0
     rests = s.rest_time_s > STILL_TIME
     s.beside = s.beside + period if rests and abs(s.slow) > p.beside else 0.0
     s.calm = s.calm + period if rests and abs(s.slow) < AT_TARGET and s.swings == 0 else 0.0

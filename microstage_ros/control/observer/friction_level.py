@@ -16,8 +16,8 @@ a spring is what both slopes have in common:
 
     k = the smaller of the two slopes, 0 where their signs differ, times 1 - q^2, 0 where q > 1,
 
-q the force that `ALIKE` stands for over that which k makes over the narrower of the two ranges, which says nothing
-within `NARROW`. F_0 is then what is left.
+q the force that `ALIKE` stands for, of the mean |S| (it grows towards a reversal, and k would fall), over that which
+k makes over the narrower of the two ranges, which says nothing within `NARROW`. F_0 is then what is left.
 
 In strong accelerations a wrong inertia looks like friction: nothing is read of either, and d is doubted by what the
 inertia's doubt leaves of them (`inertia_doubt`). Both forces stay in d, at
@@ -48,6 +48,7 @@ FIELDS = [
     ("spring_centre", "f8"),  # m, where it is taken to make no force
     # of forward and backward: weight [1], mean place [m], mean force [N], variance [m^2], covariance [m N]
     ("seen", "f8", (2, 5)),
+    ("slide_force", "f8"),  # N, mean of |S| over `level_length` of sliding
     ("loaded", "f8"),  # N, a force that does not turn with the motion, of constant and spring
 ]
 
@@ -62,6 +63,7 @@ def level_reset(p, s):
     s.level_backward = 1.0
     s.slipping = 0.0
     s.constant = s.spring = s.spring_centre = s.loaded = 0.0
+    s.slide_force = 0.0
     s.seen[:] = 0.0
 
 
@@ -138,7 +140,9 @@ def learn_level(p, model, s, period):
         half = 0.5 * (s.level_forward - s.level_backward)
         s.constant = abs(s.sensitivity) * (half - min(max(half, -ALIKE), ALIKE))
         force = s.sensitivity * (s.level - 1.0) + model.moving_mass * s.inertia * s.d
-        learn_spring(s, abs(s.v) * period, force, ALIKE * abs(s.sensitivity))
+        before = s.slide_force if s.slide_force > 0.0 else abs(s.sensitivity)
+        s.slide_force = before + share * (abs(s.sensitivity) - before)
+        learn_spring(s, abs(s.v) * period, force, ALIKE * s.slide_force)
     s.d += s.spring * s.v * period / (model.moving_mass * s.inertia)
     s.loaded = s.constant + s.spring * (s.x - s.spring_centre)
 

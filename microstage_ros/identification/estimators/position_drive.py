@@ -5,8 +5,8 @@
 The factors are those of least squared error e, means over `MEAN_S`, over all records at once; a constant y_0 per
 record takes the sensor's zero and the drive's history before the record. The means leave out the drive's resonance:
 its noise comes back to the command through the loop, and an output error that hangs together with its input is biased
-(0.8 % of the stroke per volt, eight pairs of records of the shipped stage). The model is the compiled one of the simulator, with its sensor and
-without noise.
+(0.8 % of the stroke per volt, eight pairs of records of the shipped stage). The model is the compiled one of the
+simulator, with its sensor and without noise.
 
 Source: output error method, L. Ljung, System Identification (1999).
 """
@@ -24,7 +24,7 @@ from microstage_ros.solver.open_loop import respond
 from microstage_ros.solver.plant import NoiseSpec, make_plant
 
 MEAN_S = 1e-3  # two periods of the shipped stage's resonance
-BLOCK_S = 1.0  # the error hangs together over about this time [s]: creep. In twelve pairs errors were 1.2 of those stated
+BLOCK_S = 1.0  # s, over which the error hangs together: creep. In twelve pairs it was 1.2 times what is stated, rms
 LEAST, MOST = 0.05, 20.0        # factors that are tried
 TELLS = 1e-9  # least slope of the error over a factor, of the largest one: less is rounding
 DETERMINED_SHARE = 0.5  # a factor is determined by the records if its 95 % interval is no wider than ± this share
