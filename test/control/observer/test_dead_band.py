@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 
+from microstage_ros.control.evaluation.comparison import STRESS
 from microstage_ros.control.friction_observer import FrictionObserver
 from microstage_ros.control.observer.dead_band import INVERSE_WIDTH, beyond_band, over_band
 from microstage_ros.control.runs.run_file import run_from_dict
 from microstage_ros.control.runs.simulate import simulate
+from microstage_ros.control.runs.trials import step_trial
 
 PROGRAM = [
     {"sine": {"amplitude_m": 1e-5, "frequency_hz": 0.25, "cycles": 1.0}},
@@ -54,6 +56,13 @@ def test_no_dead_band_is_found_where_there_is_none(axis, run, conditions):
     for seed in (1, 2):
         columns = run("self_tuning_observer", PROGRAM, seed=seed, **conditions)
         assert not np.any(bands(axis, columns))
+
+
+def test_fast_moves_feign_no_dead_band(axis):
+    """Short moves with half the friction: the averaged speed lagged by what no average allows for, a dead band of 23 to 39 mV was
+    found for a second, and in 24 of 200 records (12 %) a move from the fourth on ended 30 to 80 nm off, in these six among them."""
+    ends = [step_trial(axis, "self_tuning_observer", {}, 1e-5, seed, 8, **STRESS["friction x 0.5"]).errors[3:] for seed in (1, 8, 11, 19, 28, 33)]
+    assert np.abs(ends).max() < 2.5e-8
 
 
 @pytest.mark.parametrize("factor", [0.7, 1.0, 1.3])
