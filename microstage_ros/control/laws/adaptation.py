@@ -88,7 +88,8 @@ SLOWLY = 0.04  # of `back_off`, below `prompt`
 FILTERED = 0.7
 LASTING = 40  # swings in a row, beyond which what has been lowered does not end them
 LEAST_HUSH = math.log(0.01)  # of K_P and K_D
-UNSEEN_TIME = 2e-2  # s, of one such step where the swing is not counted by half waves
+# s, of one such step where no half waves are counted: `LEAST_HUSH` within 0.6 s, as long as a limit cycle is let go on
+UNSEEN_TIME = 2e-2
 # half waves, of the smallest since they began to fade; derived: friction does not hold a swing that has grown twofold
 THROWN = 2.0
 # m, error within which friction is left to hold it: K_I would only wind up until it lets go; chosen on ten times the

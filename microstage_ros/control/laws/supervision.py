@@ -7,7 +7,8 @@ The observer law leans on its model of the drive. Three signs say that the model
   of the one before: more than `swings` in a row for `cycle_time`, since a motor that rattles in a gap finds its
   contact by then, and the observer its doubts (`observer.source_doubt`), or the fifth, beyond `large_swing`. Noise does
   not alternate so regularly, and a move gives one or two. At rest a smaller one is no sign: while the size of the
-  error's fast part, averaged over `REST_TIME`, is beyond `rest_swing`, K_P and K_D fade (`adaptation.fade_at_rest`);
+  error's fast part, averaged over `REST_TIME`, is beyond `rest_swing` (a sine of 0.19 um peak to peak), K_P and K_D
+  fade;
 * the axis rests beside its target: beyond `beside` for `beside_time` while the reference stands, or the error's size,
   averaged over `REST_TIME`, is beyond `rest_error` there: a swing that is too slow or too small for the first sign;
 * innovations: the mean square of the position's and of the speed's innovation over what the filter expects stays beyond

@@ -48,7 +48,7 @@ FIELDS = [
     ("spring_centre", "f8"),  # m, where it is taken to make no force
     # of forward and backward: weight [1], mean place [m], mean force [N], variance [m^2], covariance [m N]
     ("seen", "f8", (2, 5)),
-    ("slide_force", "f8"),  # N, mean of |S| over `level_length` of sliding
+    ("slide_force", "f8"),  # N, mean of |S| over half a `level_length` of sliding
     ("loaded", "f8"),  # N, a force that does not turn with the motion, of constant and spring
 ]
 

@@ -81,7 +81,7 @@ def weigh_anew(s, factor):
 
 @compiled
 def inertia_unread(s):
-    """Whether no acceleration has told the inertia yet."""
+    """Whether the inertia is about as uncertain, over itself, as at the start."""
     return s.rho_variance > UNREAD * SPREADS[0] * SPREADS[0] * s.rho * s.rho
 
 

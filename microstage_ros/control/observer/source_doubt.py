@@ -18,9 +18,9 @@ with every one, and `STEP` would not follow. A doubt falls back at `FADE`, slowl
 found stays near it. The doubts at the start are those that hold the axis file's own model (`design.start_check`).
 
 A loop whose axis is lighter than it counts with has too high a gain, and swings by that alone, in both sources. So
-until an acceleration has told the inertia, doubts of which the voltage's is no smaller fall back at `RELAX`
-while the axis slides; and where it is found to be lighter than at the last swing, by `LIGHTER`, both go back to those
-of the start (`trust_lighter`).
+while the inertia is as uncertain as at the start, and the axis slides, the doubts fall back at `RELAX`, if the
+voltage's is no smaller than the encoder's (a heavy stage and a soft drive raise that of the encoder); and where the
+inertia is found to be less than `LIGHTER` times that of the last swing, both go back to those of the start.
 
 A voltage that acts late needs no swing to be seen: where its steps are large, the current does not follow them. An
 amplifier with a lag, a dead band or a slow filter of the current leave less than `FOLLOWS` of their mean square
@@ -72,8 +72,8 @@ UNFOLLOWED = 5.0
 FOLLOWED = 0.3  # share of the steps of the voltage, in R times the current's; a lag of 1 ms leaves 0.1 of a step
 PERIODS = 20  # in a row: a current that answers late has answered by then
 FADE = 1e-2  # 1/s, of the logarithm
-# calibrated with `robustness --only "rotor inertia x 0.25"`: used on the doubts of heavy stages and soft drives
-# too, their first fast move failed
+# calibrated with `robustness`, all conditions: used on the doubts of heavy stages and soft drives too, their first fast
+# moves fail
 RELAX = 1.0  # 1/s, of the logarithm
 LIGHTER = 0.6  # of the inertia counted with: a gain 4.4 dB too high
 FIELDS = [

@@ -1,4 +1,4 @@
-"""Fast moves on machines other than the file's: what costs nothing there, with what it cost before."""
+"""Fast moves, and rest after them, on machines other than the file's; what they cost before is in each docstring."""
 
 import numpy as np
 import pytest
@@ -134,13 +134,13 @@ def test_a_spring_that_is_known_does_not_fade_towards_a_reversal(axis):
 
 def test_a_swing_at_rest_that_the_observer_does_not_show_ends(axis):
     """1.8 times the motor constant, twice the resistance, a lighter rotor: where the encoder was doubted, the loop's own error did
-    not show a swing of 0.33 um peak to peak, which went on for ever in 4 of 40 records (these among them)."""
+    not show a swing of 0.33 um peak to peak, which went on for ever in 4 of 40 records (these), and in 10 of 40 others."""
     swings = [examine(axis, random_machine(axis, 8283, 2.0), seed, LAW).swing for seed in (12401, 12406, 12414, 12416)]
     assert max(swings) < 1e-7
 
 
 def test_k_p_and_k_d_fade_while_the_encoder_swings_at_rest(axis):
-    """Six tenths of a second to a hundredth at most; no integral meanwhile, and back at once where the reference moves."""
+    """To a hundredth at most, within 0.6 s, and back at once where the reference moves."""
     controller = make_controller(LAW, axis)
     parameters, memory = controller.parameters["adaptation"], controller.memory["adaptation"]
     for _ in range(1000):

@@ -121,7 +121,7 @@ def test_each_component_is_identified_and_the_file_of_both_written(both_records,
     given.write_text("format: 1\ncomponents: {coarse: coarse.yaml, fine: fine.yaml}\n")
     assert identify(["--axis", str(given), *both_records["healthy"][:2], "--out", str(tmp_path / "found.yaml")]) == 0
     found = load_machine(tmp_path / "found.yaml")
-    for axis, key, within in ((found.coarse, "drive.resistance", 0.01), (found.fine, "drive.displacement_per_volt", 0.003)):
+    for axis, key, within in ((found.coarse, "drive.resistance", 0.01), (found.fine, "drive.displacement_per_volt", 0.005)):
         truth = machine.coarse if axis is found.coarse else machine.fine
         assert axis.value(key) == pytest.approx(truth.value(key), rel=within) and axis.quantity(key).source == "identified"
     assert found.fine.quantity("drive.hysteresis_weight").source == "estimate"  # strokes below the least radius show no loop
