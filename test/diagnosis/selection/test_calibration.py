@@ -1,12 +1,20 @@
 """Probabilities are calibrated on what campaigns found; the second world differs from the first, and repeats with its seed."""
 
 import json
+import types
 
 import numpy as np
 import pytest
 
+from microstage_ros import __version__
 from microstage_ros.commands.analysis.campaign import main
-from microstage_ros.diagnosis.selection.calibration import Calibration, calibrate, probability, write_calibration
+from microstage_ros.diagnosis.selection.calibration import (
+    Calibration,
+    calibrate,
+    likely,
+    probability,
+    write_calibration,
+)
 from microstage_ros.diagnosis.validation import campaign, second_world
 from microstage_ros.diagnosis.validation.campaign import Outcome, reliability
 from microstage_ros.diagnosis.validation.simulated_records import Hidden
@@ -57,6 +65,33 @@ def test_what_rests_on_the_learning_records_has_the_share_of_its_like():
     assert Calibration((1.0, 1.0, 1.0), 10, 10).probability(0.0, 1.0) == 0.5
 
 
+def test_the_features_are_the_decades_of_one_and_the_evidence_and_of_the_clarity():
+    """A χ² of 9 beside the one is one decade, a clarity of 0.1 one below: logit p = 0.5 + 1 − 2.
+
+    A χ² of 0.25 is 0.097 decades, not none and not that of one.
+    """
+    told = Calibration((0.5, 1.0, 2.0), 1000, 950).probability
+    assert told(9.0, 0.1) == pytest.approx(1.0 / (1.0 + np.exp(0.5)))
+    assert told(0.25, 1.0) == pytest.approx(1.0 / (1.0 + np.exp(-0.5 - np.log10(1.25))))
+
+
+def test_a_chi_squared_below_one_on_the_held_out_records_is_evidence():
+    """The one cause that has any is fitted and says no more than 2/3; the other one, wrong, is the only bare one."""
+    fitted = calibrate([(0.5, 0.5, True), (0.0, 0.5, False)])
+    assert (fitted.count, fitted.right, fitted.bare) == (1, 1, (0, 1))
+    assert fitted.probability(0.5, 0.5) == pytest.approx(2.0 / 3.0) and fitted.probability(0.0, 0.5) == 1.0 / 3.0
+
+
+@pytest.mark.parametrize("right", [True, False])
+def test_one_cause_draws_the_coefficients_away_from_the_prior_until_their_slopes_are_equal(right):
+    """The prior is a = 2 ± 2, b and c = 0.5 ± 0.5; of one cause with χ² = 99 and clarity 0.1, log p has a slope of
+    (1, 2, −1) times the probability of what was not found, and the prior one of (coefficient − mean) / variance."""
+    a, b, c = calibrate([(99.0, 0.1, right)]).coefficients
+    chance = 1.0 / (1.0 + np.exp(-(a + 2.0 * b - c)))
+    slope = 1.0 - chance if right else -chance
+    assert (a, b, c) == pytest.approx((2.0 + 4.0 * slope, 0.5 + 0.25 * 2.0 * slope, 0.5 - 0.25 * slope), abs=1e-3)
+
+
 def test_nothing_to_calibrate_from_is_told():
     with pytest.raises(InputError, match="no named cause"):
         calibrate([])
@@ -92,6 +127,26 @@ def test_earlier_campaigns_are_counted_along(tmp_path, capsys):
 def test_a_calibration_that_cannot_be_written_is_told(tmp_path):
     with pytest.raises(InputError, match="--calibrate"):
         write_calibration(tmp_path / "nowhere" / "c.yaml", Calibration((0.0, 0.0, 0.0), 1, 1), "x")
+
+
+@pytest.mark.parametrize(("stated", "clarity", "share", "named"), [
+    (0.82, 0.5, 1.0, True), (0.81, 0.5, 1.0, False),
+    (0.95, 0.115, 3.7e-4, False), (0.95, 0.031, 1.9e-4, False),      # were not there
+    (0.95, 0.32, 3.7e-4, True),      # the clarity of one that was there
+    (0.95, 0.115, 0.0019, False), (0.95, 0.115, 0.0021, True)])
+def test_a_further_cause_is_named_from_the_numbers_of_the_campaigns_on(stated, clarity, share, named):
+    """A probability of 0.82; beside a rattle, a clarity between 0.115 and 0.32 or two thousandths of the gap's χ²."""
+    first, further = (types.SimpleNamespace(id=name, probability=stated, channel="torque", clarity=clarity,
+                                            evidence=share * 1e6) for name in ("backlash", "direction_asymmetry"))
+    assert likely([first, further], rattled=1e6) == (([first, further], []) if named else ([first], [further]))
+
+
+def test_a_calibration_is_written_in_the_order_of_its_reader_with_four_decimals(tmp_path):
+    """What gave it stands first; a coefficient is rounded far below its standard error."""
+    write_calibration(tmp_path / "c.yaml", Calibration((1.23456, -0.5, 2.0), 5, 4, (1, 3)), "a campaign")
+    assert (tmp_path / "c.yaml").read_text(encoding="utf-8").splitlines() == [
+        "made_by: a campaign", f"version: {__version__}", "named: 5", "right: 4", "without_evidence:", "- 1", "- 3",
+        "coefficients:", "- 1.2346", "- -0.5", "- 2.0"]
 
 
 def test_machines_of_the_second_world_are_of_other_laws_with_the_files_limits():
