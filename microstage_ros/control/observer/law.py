@@ -361,6 +361,8 @@ def observer_step(p, model, s, period, encoder, voltage, current):
         learn_drive(p, model, s, period, drop_to_learn(p, model, s, drop, used), position, speed, unread)
         compare_voltage(model, s, drop)
     friction_level.learn_level(p, model, s, period)
+    if senses:
+        friction_level.doubt_turning(p, model, s, period)
     if model.has_actuator != 0:
         friction_level.absorb(model, s, period)
 

@@ -106,7 +106,7 @@ def widen(p, s, period):
     xx, xv, xd, vv, vd, dd = c[0, 0], c[0, 1], c[0, 2], c[1, 1], c[1, 2], c[2, 2]
     a, b = -h * s.stiffness, 1.0 - h * s.slope
     push = p.acceleration_noise * p.acceleration_noise * h
-    drift = (p.friction_drift * p.friction_drift + drift_variance(s)) * h
+    drift = (p.friction_drift * p.friction_drift + drift_variance(s) + s.turning_drift) * h
     for _ in range(parts):
         old_x_new_v = a * xx + b * xv - h * xd
         old_v_new_v = a * xv + b * vv - h * vd
