@@ -40,7 +40,8 @@ def nodes(context):
     names = backend.nodes(name for name in NODES if value["record"] or name != "bag_recorder")
     parameters = started_parameters(names, {
         "str_controller": {**axis, "controller": value["controller"]}, "gms_observer": axis,
-        "bag_recorder": {"directory": value["record"], "log_time": "stamp" if lockstep else "arrival"},
+        "bag_recorder": {"directory": value["record"], "log_time": "stamp" if lockstep else "arrival",
+                         **backend.recorder_parameters},
         "axis_driver": {**axis, **backend.driver_parameters, "mode": mode, "seed": int(value["seed"]), "activate": True,
                         "rate_limit": 1.0 if lockstep else 0.0}})
     return [Node(package="microstage_ros", executable=name, name=name, namespace=value["namespace"],

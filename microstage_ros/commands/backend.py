@@ -11,6 +11,8 @@ from microstage_ros.hardware.protocol import Setup
 from microstage_ros.quantities.errors import InputError
 
 SIMULATED = "simulated"
+# topics of which a bag may lose nothing, where no instrument reads a truth: nobody publishes the other two
+WITHOUT_INSTRUMENTS = ("state", "command", "controller_state", "friction")
 
 
 @dataclass(frozen=True)
@@ -37,6 +39,11 @@ class ChosenBackend:
     def driver_parameters(self):
         """Parameters of the node ``axis_driver``."""
         return {"backend": self.name, "backend_options": yaml.safe_dump(self.options, default_flow_style=True).strip()}
+
+    @property
+    def recorder_parameters(self):
+        """Parameters of the node ``bag_recorder``, which waits in lockstep until each of its topics has a publisher."""
+        return {} if self.instruments else {"servo_topics": list(WITHOUT_INSTRUMENTS)}
 
     def nodes(self, names):
         """Those of the nodes that have something to do with this backend."""

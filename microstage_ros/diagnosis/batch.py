@@ -18,6 +18,7 @@ from threadpoolctl import threadpool_limits
 from microstage_ros.diagnosis import fleet, pooling
 from microstage_ros.diagnosis.case import diagnose_case
 from microstage_ros.diagnosis.fleet import AHEAD, as_they_end
+from microstage_ros.diagnosis.preprocessing.common_sensors import in_common
 from microstage_ros.diagnosis.report.answer import write_answer
 from microstage_ros.diagnosis.resimulation.diagnose import diagnose_force_axis
 from microstage_ros.diagnosis.result import Diagnosis
@@ -103,8 +104,15 @@ def diagnose_records(axis, records, holdout, baseline, seed, progress=None, jobs
     Linear algebra runs on one thread meanwhile: its matrices are small, records are worked on side by side as it is
     (`preprocessing.threads`), and threads that wait for each other cost three times the processor time. ``seed``: of
     what re-simulation draws [1]; ``jobs``: of its threads [1]; ``twin``: list of `Record`, as `diagnose_case`
-    has it.
+    has it. Sensors that not all of the records have are not used, and a note says so (`common_sensors`).
     """
+    (records, holdout, baseline), notes = in_common(records, holdout, baseline)
+    found = _by_drive(axis, records, holdout, baseline, seed, progress, jobs, twin)
+    return dataclasses.replace(found, notes=(*notes, *found.notes)) if notes else found
+
+
+def _by_drive(axis, records, holdout, baseline, seed, progress, jobs, twin):
+    """`Diagnosis` of records that have their sensors in common."""
     try:
         with threadpool_limits(limits=1, user_api="blas"):
             if actuator_of(axis).estimated(axis, "diagnose") != "motor":

@@ -9,18 +9,24 @@ import textwrap
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 import rclpy
 from microstage_msgs.msg import DriverStatus
 from ros_support import PATIENCE_S, own_domain, real_time_place, spin_until
 
+from microstage_ros.commands.backend import ChosenBackend
+from microstage_ros.files import read_yaml
 from microstage_ros.model.axis_file import load_axis
 from microstage_ros.places import config_file
+from microstage_ros.records import read_record
 from microstage_ros.ros.client import AxisClient
 from microstage_ros.ros.operator import Operator
 from microstage_ros.ros.transport.topics import LATCHED
 
 MACHINE = """
+    from pathlib import Path
+
     from microstage_ros.hardware.simulated import SimulatedAxis
 
     class Machine:
@@ -28,15 +34,28 @@ MACHINE = """
 
         def __init__(self, setup):
             self._inner = SimulatedAxis(setup)
-            self.open, self.write, self.close = self._inner.open, self._inner.write, self._inner.close
+            self.open = self._inner.open
+            self.reads = self.writes = 0
 
         def read(self):
+            self.reads += 1
             return tuple(self._inner.read())
+
+        def write(self, voltage):
+            self.writes += 1
+            self._inner.write(voltage)
+
+        def close(self):
+            self._inner.close()
+            if self.reads:
+                Path(__file__).with_name("counts.txt").write_text(f"{{self.reads}} {{self.writes}}")
 """
 
 
 @pytest.mark.parametrize("simulated", [False, True])
 def test_the_cell_drives_it(tmp_path, simulated):
+    """One write to a read; more where a command comes late, two to one before. A bag is recorded of a machine that is stepped, although
+    it tells no truth and nobody publishes what instruments read: the recorder gave no credit, and the cell ended after 150 s."""
     (tmp_path / "bench_machine.py").write_text(textwrap.dedent(MACHINE).format(simulated=simulated))
     axis = load_axis(config_file("axis.yaml"))
     if not simulated:  # 10 kHz by the wall clock in plain Python would be late
@@ -47,7 +66,7 @@ def test_the_cell_drives_it(tmp_path, simulated):
         environment = {**os.environ, "PYTHONPATH": f"{tmp_path}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"}
         process = subprocess.Popen(
             [sys.executable, "-m", "microstage_ros.commands", "cell", "--axis", str(tmp_path / "axis.yaml"), "--backend",
-             "bench_machine:Machine", "--backend-options", str(tmp_path / "options.yaml")],
+             "bench_machine:Machine", "--backend-options", str(tmp_path / "options.yaml"), *(["--record", str(tmp_path / "bag")] * simulated)],
             env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         try:
             line = process.stdout.readline()
@@ -58,6 +77,18 @@ def test_the_cell_drives_it(tmp_path, simulated):
             process.send_signal(signal.SIGINT)
             _, told = process.communicate(timeout=240)
     assert ("simulated" in told) == simulated and "Traceback" not in told
+    reads, writes = map(int, (tmp_path / "counts.txt").read_text().split())
+    assert 0.9 * reads < writes < (1.5 if not simulated else 1.01) * reads + 10
+    if simulated:
+        record = read_record(tmp_path / "bag")
+        assert "interferometer_m" not in record and np.isfinite(record["encoder_m"]).mean() > 0.99
+
+
+def test_the_recorder_waits_for_what_somebody_publishes():
+    """A backend without a truth has neither an interferometer nor a simulation topic."""
+    assert ChosenBackend().recorder_parameters == {}
+    known = read_yaml(config_file("bag_recorder.yaml"), "parameters")["servo_topics"]["default"]
+    assert set(known) - set(ChosenBackend("my:Card", instruments=False).recorder_parameters["servo_topics"]) == {"interferometer", "simulation"}
 
 
 def _check(simulated):

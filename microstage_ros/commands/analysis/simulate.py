@@ -63,11 +63,16 @@ def main(argv=None):
 
 
 def within_travel(machine, run):
-    """Raise InputError where a move of the run ends beyond the travel of the machine: the model has no end stops, and a
-    machine has."""
+    """Raise InputError where the reference of the run goes beyond the travel of the machine: the model has no end
+    stops, and a machine has."""
     low, high = machine.value("travel.minimum"), machine.value("travel.maximum")
     for number, segment in enumerate(run.program, 1):
         target = segment.get("move_to_m", 0.5 * (low + high))
         if not low <= target <= high:
             raise InputError(f"{run.place}: program[{number}].move_to_m", target,
+                             f"{low:g} to {high:g} m, the travel of {machine.place}")
+    reference = run.tables(run.period_s or machine.value("period"))["reference"]
+    for farthest in (float(reference.min()), float(reference.max())):
+        if not low <= farthest <= high:
+            raise InputError(f"{run.place}: program: farthest reference", farthest,
                              f"{low:g} to {high:g} m, the travel of {machine.place}")

@@ -90,7 +90,8 @@ def _run(arguments, backend, machine, recording):
     law = {"controller": arguments.controller} if arguments.controller else {}
     parameters = {"axis_driver": driver, "str_controller": {**axis, **law}, "gms_observer": axis,
                   "bag_recorder": {"directory": str(arguments.record),
-                                   "log_time": "stamp" if arguments.mode == "lockstep" else "arrival"}}
+                                   "log_time": "stamp" if arguments.mode == "lockstep" else "arrival",
+                                   **backend.recorder_parameters}}
     nodes = list(backend.nodes(name for name in NODES if arguments.record or name != "bag_recorder"))
     node = None
     try:

@@ -170,6 +170,7 @@ def cell_parameters(arguments, axis, out, backend):
             "directory": str((out / "bag").resolve()),
             "run": yaml.safe_dump(run),
             "log_time": "stamp" if backend.mode == "lockstep" else "arrival",
+            **backend.recorder_parameters,
         },
     }
 

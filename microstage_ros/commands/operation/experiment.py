@@ -110,6 +110,7 @@ def _run(arguments, out, folder, reference, axis, backend):
             "directory": str((folder / "bag").resolve()),
             "run": Path(arguments.run).read_text(encoding="utf-8"),
             "log_time": "stamp" if arguments.mode == "lockstep" else "arrival",
+            **backend.recorder_parameters,
         },
     }
     print(f"{which_ros()}\n{backend.words(axis.name, arguments.seed)}", file=sys.stderr)

@@ -175,8 +175,8 @@ def doubt_turning(p, model, s, period):
         return
     further = friction - s.turned_friction
     if further * s.planned_acceleration > 0.0:
-        apart = max(abs(s.level_forward - s.level_backward) - ALIKE, 0.0) / (model.moving_mass * s.inertia)
-        s.turning_drift = min(TURNED * apart * apart * s.slide_force * abs(further) / period, MOST_WALK)
+        beyond = max(abs(s.level_forward - s.level_backward) - ALIKE, 0.0) / (model.moving_mass * s.inertia)
+        s.turning_drift = min(TURNED * beyond * beyond * s.slide_force * abs(further) / period, MOST_WALK)
         s.turned_friction = friction
 
 

@@ -179,7 +179,7 @@ def prepare(record, drive, amplifier=None, lines=(), gap=0.0, course=None, pull=
     load = 0.5 * (motion.load + of_row_before(motion.load))  # of the periods on both sides of a reading
     screw_speed = motion.speed / drive.radius
     actuator, stuck = replay(drive.actuator, screw_speed, period)
-    air = {name: _filled(record[name], name)[0] for name in
+    air = {name: bridged(record[name]) for name in
            ("air_temperature_K", "air_pressure_Pa", "air_humidity", "stage_temperature_K") if name in record}
     return Prepared(
         name=record.source,

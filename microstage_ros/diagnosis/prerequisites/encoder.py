@@ -2,7 +2,8 @@
 
 The file states an error of the encoder as no cause: it is taken out of every reading. Size and phase come from the
 baseline where there is one: an encoder may be better or worse than its data sheet, and after another homing the phase
-is another. What is stated and not there would otherwise be put in.
+is another. What is stated and not there would otherwise be put in. Without a baseline the records themselves tell
+whether what is stated is there at all; its size is then the file's, as a larger error may be the fault.
 """
 
 import dataclasses
@@ -17,22 +18,37 @@ from microstage_ros.diagnosis.prerequisites.periods import SLOW
 SMOOTH = 201
 
 
-def seen_interpolation(drive, baseline):
+def seen_interpolation(drive, baseline, records=()):
     """`Drive` with the interpolation error that the baseline shows.
 
     Parameters
     ----------
     drive : `prerequisites.drive.Drive`, with what the axis file states.
     baseline : list of `Record` of the healthy axis; may be empty.
+    records : those to learn from, which are asked without a baseline: they have what the file states, with its size
+        and phase, or nothing of it, whichever is nearer.
 
     Returns
     -------
-    The drive unchanged where the file states no such error or no baseline record has both readings.
+    The drive unchanged where the file states no such error or no such record has both readings.
     """
+    sizes = _waves(drive, baseline or records)
+    if sizes is None:
+        return drive
+    if not baseline:
+        stated = np.array(drive.interpolation)
+        there = sizes[::2] @ stated > 0.5 * stated @ stated  # derived: as far from what is stated as from nothing
+        return drive if there else dataclasses.replace(drive, interpolation=())
+    return dataclasses.replace(drive, interpolation=tuple(float(v) for v in sizes[::2]),
+                               interpolation_cosine=tuple(float(v) for v in sizes[1::2]))
+
+
+def _waves(drive, baseline):
+    """Sine and cosine [m] of each harmonic that the file states, in turn, as records show them; None if they cannot."""
     harmonics = len(drive.interpolation)
     usable = [r for r in baseline if "interferometer_m" in r and "encoder_m" in r]
     if not (any(drive.interpolation) and usable):
-        return drive
+        return None
     matrix, vector = np.zeros((2 * harmonics, 2 * harmonics)), np.zeros(2 * harmonics)
     for record in usable:
         encoder, stage = (
@@ -49,10 +65,8 @@ def seen_interpolation(drive, baseline):
         vector += x.T @ (error - triangle(error, SLOW))[used]
     # derived: of the sixteen digits ten are left; the addend is for a matrix of zeros
     if np.linalg.cond(matrix + 1e-12 * np.eye(len(matrix))) > 1e6:
-        return drive      # the baseline hardly moved
-    sizes = np.linalg.solve(matrix, vector)
-    return dataclasses.replace(drive, interpolation=tuple(float(v) for v in sizes[::2]),
-                               interpolation_cosine=tuple(float(v) for v in sizes[1::2]))
+        return None       # they hardly moved
+    return np.linalg.solve(matrix, vector)
 
 
 def seen_count(drive, prepared):

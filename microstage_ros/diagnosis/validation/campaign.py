@@ -114,7 +114,7 @@ def examine(examination):
     what, friction = draw(examination)
     machine = axis, what, examination.seed * 100_003 + examination.number, friction
     records, holdout, baseline = WORLDS[examination.world](*machine)
-    twin = TWINS[examination.world](*machine) if what.ids else ()
+    twin = TWINS[examination.world](*machine[:3], friction * _level(what)) if what.ids else ()
     if not examination.baseline:  # the axis file alone says what noise there is
         baseline = []
     start = time.perf_counter()      # making the records does not count
@@ -141,6 +141,12 @@ def examine(examination):
         doubted=_stated(answer.doubtful, what),
         ways=tuple(_ways(answer, what)),
     )
+
+
+def _level(what):
+    """Factor on all of the friction that is hidden [1]: its random part grows with it, and no cause explains that part,
+    so the twin's friction varies by as many newtons."""
+    return what.effects.get("friction_level_change", {}).get("factor", 1.0)
 
 
 def _stated(causes, what):

@@ -285,20 +285,23 @@ class DriverPeriods(DriverState):
         begun = time.perf_counter()
         self.gate.hold(self._hold_s, self.period)
         self._begin(time.time_ns())
-        self._write(self.gate.voltage)
-        self._end_paced_period(self.sequence, begun)
+        if changed := self.gate.voltage != self._written:  # else the one write of a period is that of its command
+            self._write(self.gate.voltage)
+        self._end_paced_period(self.sequence, begun, changed)
         self.topics.rest(*self._begun)
 
-    def _end_paced_period(self, n, begun):
+    def _end_paced_period(self, n, begun, written):
         gate, readers = self.gate, self._command_readers
         end = (begun if self._due is None else self._due) + self.period - SPIN
         while gate.fault == "none" and gate.last != n:
-            rest = end - time.perf_counter()
-            if rest <= 0.0:
+            if (rest := end - time.perf_counter()) <= 0.0:
                 break
             self._servo.wait(readers, rest)
             if self._take_commands():
                 self._write(gate.voltage)
+                written = True
+        if not written:  # the card's watchdog asks for a sign of life in every period
+            self._write(gate.voltage)
         if gate.last == n:
             self.responses.add(time.perf_counter() - begun)
         if self.guard.taken:
@@ -336,7 +339,7 @@ class DriverPeriods(DriverState):
             elif why == MISSED:
                 gate.close_period(self.parameters.command_timeout_s)
             else:
-                self._end_paced_period(n, begun)
+                self._end_paced_period(n, begun, written=True)
             self.topics.instruments(self._time_ns, n, self.hardware)
             self.topics.end_of_block(self._time_ns, n)
 

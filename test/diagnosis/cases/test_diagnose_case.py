@@ -1,11 +1,16 @@
 """Effects hidden in simulated axes, with seeds that the analysis never sees, must be found; a healthy axis is left alone."""
 
+import dataclasses
 import pathlib
 
 import numpy as np
 import pytest
 
+from microstage_ros.diagnosis.batch import diagnose_records
 from microstage_ros.diagnosis.case import diagnose_case
+from microstage_ros.diagnosis.preprocessing.common_sensors import in_common
+from microstage_ros.diagnosis.prerequisites.drive import drive_of
+from microstage_ros.diagnosis.prerequisites.encoder import seen_interpolation
 from microstage_ros.diagnosis.validation.simulated_records import Hidden, make_case
 from microstage_ros.diagnosis.selection.calibration import probability
 from microstage_ros.model.axis_file import load_axis
@@ -32,6 +37,51 @@ def test_healthy_axis_agrees_with_and_without_a_baseline(axis):
     for healthy in (baseline, []):
         answer = diagnose_case(axis, records, holdout, healthy)
         assert (answer.verdict, answer.causes, answer.rivals) == ("agrees", (), ())
+
+
+def test_what_the_file_states_and_the_records_do_not_have_is_no_cause(axis):
+    """Without a baseline, an encoder without the file's 5 nm of interpolation and a current sensor without its zero made 5 nm and
+    0.34 mV of the opposite sign, named with 0.93 and more; one that has both agrees."""
+    better = axis.with_values({"sensors.encoder.interpolation_error": [0.0, 0.0], "sensors.current.offset": 0.0})
+    records, holdout, _ = make_case(better, Hidden("healthy"), 45, 0.04)
+    assert diagnose_case(axis, records, holdout).verdict == "agrees"
+
+
+@pytest.mark.parametrize("fault", [3.0e-8, -5.0e-9])
+def test_without_a_baseline_records_tell_whether_the_files_error_is_there(axis, fault):
+    """An error of another size or phase is the fault, and not what the file states."""
+    drive = drive_of(axis)
+    stage = np.linspace(0.0, 2e-4, 20000)
+    wave = np.sin(2.0 * np.pi * stage / drive.signal_period)
+    for error, there in ((drive.interpolation[0] * wave, True), (0.0 * wave, False), (fault * wave, fault > 0.0)):
+        record = Record(1e-4, {"encoder_m": stage + error, "interferometer_m": stage})
+        seen = seen_interpolation(drive, [], [record])
+        assert (seen == drive) if there else (seen.interpolation == ())
+
+
+@pytest.mark.parametrize("lacking", ["baseline", "records"])
+def test_a_sensor_that_not_all_records_have_is_not_used(axis, lacking):
+    """Without the interferometer the stage is the encoder's, whose counts are no noise of an interferometer's baseline (`unexplained`); a
+    baseline without it ended in a KeyError, and a bag with it at every tenth period was refused."""
+    records, holdout, baseline = make_case(axis, Hidden("healthy"), 41, 0.06)
+
+    def sparse(record):
+        seen = np.where(np.arange(len(record)) % 10 == 0, record["interferometer_m"], np.nan)
+        return dataclasses.replace(record, columns=record.columns | {"interferometer_m": seen})
+
+    if lacking == "baseline":
+        baseline = [sparse(record) for record in baseline]
+    else:
+        records = [sparse(record) for record in records]
+    answer = diagnose_records(axis, records, holdout, baseline, seed=0)
+    assert answer.verdict == "agrees" and answer.notes[0].startswith("interferometer_m is not used: ")
+
+
+def test_sensors_that_all_records_have_are_kept():
+    """The same objects come back, without a note."""
+    groups = [[Record(1e-4, {"encoder_m": np.zeros(9), "interferometer_m": np.zeros(9)})], [], []]
+    found, notes = in_common(*groups)
+    assert found == groups and found[0][0] is groups[0][0] and notes == []
 
 
 def test_a_card_at_a_kilohertz(axis):
