@@ -52,6 +52,7 @@ def test_without_a_cell(tmp_path):
     with ros_node():
         done = experiment(tmp_path, "--namespace", "/nobody")
     assert done.returncode == 1 and "/nobody" in done.stderr and "Traceback" not in done.stderr
+    assert not (tmp_path / "out" / "bag").exists()  # so that the same command may be used again
 
 
 def test_ctrl_c_stops_the_axis(tmp_path):

@@ -186,15 +186,14 @@ def recorded_beside(namespace, text, out, folder, period, made):
     print(f"{which_ros()}\nThe cell that runs in {namespace}.", file=sys.stderr)
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # rclpy's would end its context before the stop
     try:
-        with (
-            _signals_kept() as came,
-            CellProcesses(namespace, ("bag_recorder",), parameters, out / "logs", beside="experiment") as recorder,
-        ):
+        with _signals_kept() as came:
+            recorder = CellProcesses(namespace, ("bag_recorder",), parameters, out / "logs", beside="experiment")
             player = _Player(rclpy.create_node("experiment", namespace=namespace), recorder, period, came)
-            player.meet(namespace)
-            _until_recorded(player, folder / "bag")
-            reference = made(player.place)
-            player.play(reference)
+            player.meet(namespace)  # before the recorder begins a bag
+            with recorder:
+                _until_recorded(player, folder / "bag")
+                reference = made(player.place)
+                player.play(reference)
     finally:
         rclpy.try_shutdown()
     return len(reference)
