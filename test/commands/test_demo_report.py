@@ -1,9 +1,16 @@
 """The demo's headline says what the interval allows; a move that did not settle counts."""
 
+import json
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from microstage_ros.commands.operation import demo, demo_report
 from microstage_ros.commands.operation.demo_report import accuracy_rows, comparison, headline, table_cells
+from microstage_ros.model.axis_file import load_axis
+from microstage_ros.places import config_file
+from microstage_ros.ros.launching import ownership
 
 
 def moves(errors, target=1e-6, reached=True):
@@ -40,3 +47,33 @@ def test_worse_is_said_too(size):
     results = moves(size * np.tile([1.0, -1.0], 20))
     assert comparison(accuracy_rows(results)[0]) == "above"
     assert "above for 1" in headline(accuracy_rows(results), results)[0]
+
+
+def test_the_topics_of_the_axis_that_moved(monkeypatch):
+    monkeypatch.setattr(demo_report, "read_bag", lambda bag: {"/axis/state": 1, "/demo/state": 2, "/demo/command": 3})
+    assert demo_report._streams("bag", "/demo") == {"state": 2, "command": 3}
+
+
+def test_a_report_that_fails_leaves_bag_and_moves(monkeypatch, tmp_path, capsys):
+    """And no report of an earlier run beside them."""
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "report.html").write_text("of an earlier run")
+
+    def make_moves(arguments, axis, out, folder, *_):
+        (folder / "bag").mkdir()
+        return moves(1e-8 * np.array([1.0, -1.0]))
+
+    def fail(*_):
+        raise KeyError("state")
+
+    monkeypatch.setattr(ownership, "free_namespace", lambda: "/demo")
+    monkeypatch.setattr(demo, "_make_moves", make_moves)
+    monkeypatch.setattr(demo_report, "write_report", fail)
+    backend = SimpleNamespace(simulated=True, name="simulated", instruments=True, words=lambda *_: "")
+    arguments = SimpleNamespace(quick=True, seed=1, controller=None)
+    with pytest.raises(KeyError):
+        demo._run(arguments, load_axis(config_file("axis.yaml")), out, backend)
+    assert sorted(path.name for path in out.iterdir()) == ["bag", "moves.json"]
+    assert json.loads((out / "moves.json").read_text())["run"]["namespace"] == "/demo"
+    assert "could not be made" in capsys.readouterr().err

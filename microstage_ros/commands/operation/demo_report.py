@@ -90,7 +90,7 @@ def write_report(path, bag, rows, results, facts):
     Parameters
     ----------
     path : of the page. bag : folder of the run's bag. rows : of `accuracy_rows`. results : one dict per move.
-    facts : version, axis, seed, controller and conditions of the run.
+    facts : version, axis, namespace, seed, controller and conditions of the run.
     """
     simulated = facts["simulated"]
     page = Page("Point-to-point moves of a simulated axis" if simulated else "Point-to-point moves",
@@ -103,7 +103,7 @@ def write_report(path, bag, rows, results, facts):
               f"({facts['settle_time_s'] * 1e3:.0f} ms within ±{facts['tolerance_m'] * 1e9:.0f} nm by the encoder). "
               "The instrument's own uncertainty is not in it. The interval is the chi-square one for so few repeats; "
               "4s leaves the mean error out, so it is a repeatability.")
-    streams = _streams(bag)
+    streams = _streams(bag, facts["namespace"])
     page.section("Moves")
     for target in sorted({abs(row["target"]) for row in rows}):
         move = next((m for m in results if m["target_m"] == target), None)
@@ -178,9 +178,10 @@ def _verdict(page, rows, results, simulated):
                        f"paper: {row['paper'] * 1e9:.0f} nm") for row in good if row["target"] > 0])
 
 
-def _streams(bag):
-    """The bag's topics that the page needs, as arrays, without the namespace."""
-    return {name.rsplit("/", 1)[-1]: values for name, values in read_bag(bag).items() if name.startswith("/axis/")}
+def _streams(bag, namespace):
+    """The topics of the axis ``namespace`` in the bag, as arrays, without the namespace."""
+    inside = f"{namespace}/"
+    return {name.removeprefix(inside): values for name, values in read_bag(bag).items() if name.startswith(inside)}
 
 
 def _part(stream, first, last):
