@@ -77,3 +77,35 @@ def test_a_report_that_fails_leaves_bag_and_moves(monkeypatch, tmp_path, capsys)
     assert sorted(path.name for path in out.iterdir()) == ["bag", "moves.json"]
     assert json.loads((out / "moves.json").read_text())["run"]["namespace"] == "/demo"
     assert "could not be made" in capsys.readouterr().err
+
+
+def stream(**fields):
+    """Four control periods of a topic, fields that are not named zero."""
+    made = np.zeros(4, [("sequence", "u8")] + [(name, "f8") for name in fields])
+    made["sequence"] = range(4)
+    for name, values in fields.items():
+        made[name] = values
+    return made
+
+
+def test_the_command_of_another_drive_has_its_unit():
+    axis = load_axis(config_file("axes/current_motor.yaml"))
+    backend = SimpleNamespace(simulated=True, name="simulated", instruments=True)
+    facts = demo._facts(SimpleNamespace(seed=1, controller="pid"), axis, backend, "/axis")
+    command, torque = facts["command"], {"quantity": "torque", "unit": "N m"}
+    assert torque.items() <= command.items()
+    streams = {"state": stream(position=0.0), "command": stream(reference=0.0, voltage=0.0),
+               "controller_state": stream(proportional_gain=1.0, integral_gain=1.0, derivative_gain=1.0)}
+    figure = demo_report._move_figure(streams, {"start_sequence": 0, "end_sequence": 3}, 1e-3, command)
+    assert figure.axes[-1].get_ylabel() == "torque [N m]"
+    labels = [axes.get_ylabel() for axes in demo_report._gain_figure(streams, 1e-3, command["unit"]).axes]
+    assert labels == ["K_P [N m/µm]", "K_I [N m/(µm s)]", "K_D [N m s/m]"]
+
+
+def test_a_share_of_no_friction_is_left_out():
+    """A drive whose model has no friction in its actuator; a run in which nothing moves."""
+    true = {"simulation": stream(actuator_torque=0.0, guideway_force=[0.0, 1.0, 1.0, 1.0])}
+    estimate = {"friction": stream(actuator_torque=[0.0, 1.0, 0.0, 0.0], guideway_force=[0.0, 1.0, 1.0, 1.3])}
+    assert demo_report._friction_words(true | estimate).endswith("rms: guideways 17.3 %.")
+    true["simulation"]["guideway_force"] = 0.0
+    assert demo_report._friction_words(true | estimate) == ""

@@ -14,6 +14,7 @@ from microstage_ros.commands.backend import add_backend, chosen_backend
 from microstage_ros.commands.parser import Parser
 from microstage_ros.commands.progress import progress
 from microstage_ros.files import complete_folder, keep_earlier, write_text
+from microstage_ros.model.actuators import actuator_of
 from microstage_ros.places import config_file
 from microstage_ros.quantities.errors import InputError
 
@@ -115,7 +116,8 @@ def _facts(arguments, axis, backend, namespace):
     return {"version": __version__, "axis": axis.name, "namespace": namespace, "seed": arguments.seed,
             "controller": arguments.controller or axis.controller["type"], "tolerance_m": TOLERANCE,
             "settle_time_s": SETTLE_TIME, "ros": which_ros(), "simulated": backend.simulated, "backend": backend.name,
-            "instrument": "interferometer" if backend.instruments else "encoder", "period_s": axis.value("period")}
+            "instrument": "interferometer" if backend.instruments else "encoder", "period_s": axis.value("period"),
+            "command": actuator_of(axis).command.as_dict()}
 
 
 def _tell(out, results, facts):
