@@ -2,7 +2,9 @@
 
 import json
 import sys
+from contextlib import nullcontext
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -79,3 +81,15 @@ def test_no_axis_is_an_answer_too(capsys, monkeypatch, name):
         words = {"jog": ["jog", "--speed", "1mm/s"], "move": ["move", "--to", "1um"]}.get(name, [name])
         status, found = object_of(capsys, words)
     assert status == 1 and "no axis" in (found.get("message") or found.get("error", {}).get("says", "")), found
+
+
+@pytest.mark.parametrize("unit, key", [("V", "voltage_V"), ("N m", "torque_Nm")])
+def test_the_command_in_the_status_of_an_axis(capsys, monkeypatch, unit, key):
+    """Its key says the unit; ``command`` is the name of the command line's command, as in every answer."""
+    driver = SimpleNamespace(active=True, fault=0, message="", command_unit=unit, lockstep=True, simulated=True, backend="simulated",
+                             host="here", process=1, commander="/axis/str_controller", watched=True, since=SimpleNamespace(sec=0))
+    found = SimpleNamespace(driver=driver, lifecycle="active", position=0.0, voltage=0.25, summary="active")
+    axis = SimpleNamespace(status=lambda: found, processes=lambda: None, took=0.0)
+    monkeypatch.setattr(operator, "Operator", lambda namespace: nullcontext(axis))
+    status, found = object_of(capsys, ["status"])
+    assert status == 0 and found[key] == 0.25 and found["command_unit"] == unit
