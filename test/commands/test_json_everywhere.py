@@ -17,6 +17,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "ros"))
 from ros_support import own_domain  # noqa: E402
 
 from microstage_ros.ros import client, operator  # noqa: E402
+from microstage_ros.ros.loops.move_requests import MoveRequests  # noqa: E402
 
 AXIS = str(config_file("axis.yaml"))
 RUN = "controller: {type: pid}\nprogram:\n  - {move_to_m: 1.0e-5, dwell_s: 0.01}\n"
@@ -93,3 +94,13 @@ def test_the_command_in_the_status_of_an_axis(capsys, monkeypatch, unit, key):
     monkeypatch.setattr(operator, "Operator", lambda namespace: nullcontext(axis))
     status, found = object_of(capsys, ["status"])
     assert status == 0 and found[key] == 0.25 and found["command_unit"] == unit
+
+
+def test_a_jog_above_the_speed_of_the_axis(capsys, monkeypatch):
+    """Bad input, under the name of the option."""
+    server = SimpleNamespace(_why_not=lambda: "", _status=None, _latest=None, parameters=SimpleNamespace(max_velocity=5e-3))
+    axis = SimpleNamespace(took=0.0, jog=lambda velocity, duration: MoveRequests._serve_jog(
+        server, SimpleNamespace(velocity=velocity, duration=duration), SimpleNamespace(accepted=False)))
+    monkeypatch.setattr(operator, "Operator", lambda namespace: nullcontext(axis))
+    status, found = object_of(capsys, ["jog", "--speed", "10m/s", "--back"])
+    assert status == 2 and found["error"]["place"] == "--speed" and "at most 0.005 m/s" in found["error"]["says"]
