@@ -187,10 +187,10 @@ def recorded_beside(namespace, text, out, folder, period, made):
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # rclpy's would end its context before the stop
     try:
         with _signals_kept() as came:
-            recorder = CellProcesses(namespace, ("bag_recorder",), parameters, out / "logs", beside="experiment")
-            player = _Player(rclpy.create_node("experiment", namespace=namespace), recorder, period, came)
+            beside = CellProcesses(namespace, ("bag_recorder",), parameters, out / "logs", beside="experiment")
+            player = _Player(rclpy.create_node("experiment", namespace=namespace), beside, period, came)
             player.meet(namespace)  # before the recorder begins a bag
-            with recorder:
+            with beside:
                 _until_recorded(player, folder / "bag")
                 reference = made(player.place)
                 player.play(reference)
