@@ -104,3 +104,20 @@ def test_shipped_files_are_found():
     assert config_file("axis.yaml").is_file()
     with pytest.raises(InputError, match="axis.yaml"):
         config_file("nothing.yaml")
+
+
+def test_the_hint_of_a_cell_moves_that_cell():
+    from microstage_ros.commands.operation.cell import move_hint
+
+    assert move_hint("/axis") == "./microstage move --to 1e-5"
+    assert move_hint("/left") == "./microstage move --to 1e-5 --namespace /left"
+
+
+def test_the_examples_of_the_shell_name_programs_that_are_there():
+    import re
+    import shutil
+
+    from microstage_ros.commands.project.shell import USAGE
+
+    programs = re.findall(r"microstage shell (\w+)", USAGE)
+    assert programs and all(program.startswith("python") or shutil.which(program) for program in programs)

@@ -2,7 +2,9 @@
 
 import json
 import sys
+from contextlib import nullcontext
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -15,6 +17,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "ros"))
 from ros_support import own_domain  # noqa: E402
 
 from microstage_ros.ros import client, operator  # noqa: E402
+from microstage_ros.ros.loops.move_requests import MoveRequests  # noqa: E402
 
 AXIS = str(config_file("axis.yaml"))
 RUN = "controller: {type: pid}\nprogram:\n  - {move_to_m: 1.0e-5, dwell_s: 0.01}\n"
@@ -79,3 +82,25 @@ def test_no_axis_is_an_answer_too(capsys, monkeypatch, name):
         words = {"jog": ["jog", "--speed", "1mm/s"], "move": ["move", "--to", "1um"]}.get(name, [name])
         status, found = object_of(capsys, words)
     assert status == 1 and "no axis" in (found.get("message") or found.get("error", {}).get("says", "")), found
+
+
+@pytest.mark.parametrize("unit, key", [("V", "voltage_V"), ("N m", "torque_Nm")])
+def test_the_command_in_the_status_of_an_axis(capsys, monkeypatch, unit, key):
+    """Its key says the unit; ``command`` is the name of the command line's command, as in every answer."""
+    driver = SimpleNamespace(active=True, fault=0, message="", command_unit=unit, lockstep=True, simulated=True, backend="simulated",
+                             host="here", process=1, commander="/axis/str_controller", watched=True, since=SimpleNamespace(sec=0))
+    found = SimpleNamespace(driver=driver, lifecycle="active", position=0.0, voltage=0.25, summary="active")
+    axis = SimpleNamespace(status=lambda: found, processes=lambda: None, took=0.0)
+    monkeypatch.setattr(operator, "Operator", lambda namespace: nullcontext(axis))
+    status, found = object_of(capsys, ["status"])
+    assert status == 0 and found[key] == 0.25 and found["command_unit"] == unit
+
+
+def test_a_jog_above_the_speed_of_the_axis(capsys, monkeypatch):
+    """Bad input, under the name of the option."""
+    server = SimpleNamespace(_why_not=lambda: "", _status=None, _latest=None, parameters=SimpleNamespace(max_velocity=5e-3))
+    axis = SimpleNamespace(took=0.0, jog=lambda velocity, duration: MoveRequests._serve_jog(
+        server, SimpleNamespace(velocity=velocity, duration=duration), SimpleNamespace(accepted=False)))
+    monkeypatch.setattr(operator, "Operator", lambda namespace: nullcontext(axis))
+    status, found = object_of(capsys, ["jog", "--speed", "10m/s", "--back"])
+    assert status == 2 and found["error"]["place"] == "--speed" and "at most 0.005 m/s" in found["error"]["says"]

@@ -1,23 +1,38 @@
 """``experiment --running``: a program on a cell that runs, which goes on afterwards."""
 
 import os
+import signal
 import subprocess
 import sys
+import time
+import types
 
 import numpy as np
-from ros_support import ros_node
+import pytest
+import rclpy
+from microstage_msgs.msg import ControllerState
+from ros_support import PATIENCE_S, ros_node, spin_until
+
+from microstage_ros.commands.operation import experiment as command
 
 from microstage_ros.records import read_record
-from microstage_ros.ros.launching.cell_processes import NODES, CellProcesses
+from microstage_ros.ros.launching.cell_processes import NODES, CellFailure, CellProcesses
 
 RUN = "program:\n  - {move_to_m: 1.0e-5, dwell_s: 0.1}\n  - {move_to_m: 0.0, dwell_s: 0.1}\n"
 
 
+def started(folder, *more, run=RUN):
+    """The command in a process of its own."""
+    (folder / "run.yaml").write_text(run)
+    return subprocess.Popen([sys.executable, "-m", "microstage_ros.commands", "experiment", "--running", "--run", str(folder / "run.yaml"),
+                             "--out", str(folder / "out"), *more], env=dict(os.environ), text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+
+
 def experiment(folder, *more):
-    """Run the command in a process of its own. Returns it when it has ended."""
-    (folder / "run.yaml").write_text(RUN)
-    return subprocess.run([sys.executable, "-m", "microstage_ros.commands", "experiment", "--running", "--run", str(folder / "run.yaml"),
-                           "--out", str(folder / "out"), *more], env=dict(os.environ), capture_output=True, text=True, timeout=600)
+    """Run the command in a process of its own. Returns its status and what it said on standard error."""
+    process = started(folder, *more)
+    _, err = process.communicate(timeout=600)
+    return types.SimpleNamespace(returncode=process.returncode, stderr=err)
 
 
 def test_program_on_a_running_cell(tmp_path):
@@ -37,3 +52,67 @@ def test_without_a_cell(tmp_path):
     with ros_node():
         done = experiment(tmp_path, "--namespace", "/nobody")
     assert done.returncode == 1 and "/nobody" in done.stderr and "Traceback" not in done.stderr
+    assert not (tmp_path / "out" / "bag").exists()  # so that the same command may be used again
+
+
+def test_ctrl_c_stops_the_axis(tmp_path):
+    """Reference for 40 s is queued; who interrupts the command expects the axis to stand."""
+    run = "program:\n  - {sine: {amplitude_m: 2.0e-4, frequency_hz: 0.5, cycles: 20}}\n"
+    nodes, heard = [name for name in NODES if name not in ("bag_recorder", "interferometer_logger")], []
+    with ros_node() as node, CellProcesses("/axis", nodes, {"axis_driver": {"mode": "lockstep", "rate_limit": 1.0}}, tmp_path / "logs") as cell:
+        cell.activate(node)
+        node.create_subscription(ControllerState, "/axis/controller_state", lambda state: heard.append(state.reference), 10)
+        process = started(tmp_path, run=run)
+        spin_until(node, lambda: process.poll() is not None or (heard and abs(heard[-1]) > 5e-5))
+        process.send_signal(signal.SIGINT)
+        spin_until(node, lambda: process.poll() is not None, 60.0)
+        out, err = process.communicate(timeout=PATIENCE_S)
+        assert process.returncode == 130 and "the axis stops and holds" in err and "Traceback" not in err, err
+        heard.clear()
+        spin_until(node, lambda: len(heard) > 20)
+        assert np.ptp(heard) == 0.0
+    assert not (tmp_path / "out" / "bag").exists()
+
+
+class Service:
+    """The controller's service; it answers what it is asked, a reference with ``accepted`` as it was made."""
+
+    def __init__(self, accepted=True):
+        self.asked, self._accepted = [], accepted
+
+    def service_is_ready(self):
+        return True
+
+    def call_async(self, request):
+        self.asked.append(len(request.positions))
+        answer = types.SimpleNamespace(accepted=self._accepted or not request.positions, rest_sequence=10**9, message="no")
+        return types.SimpleNamespace(done=lambda: True, result=lambda: answer)
+
+
+def player_of(service, came=(), check=lambda: None):
+    """A player without any process, whose controller says that its reference stands at 0."""
+    node = types.SimpleNamespace(create_client=lambda *_: service, create_subscription=lambda *_: None)
+    player = command._Player(node, types.SimpleNamespace(check=check), 1e-3, came)
+    player._hear(types.SimpleNamespace(reference=0.0, sequence=0))
+    return player
+
+
+@pytest.mark.parametrize("end", ["signal", "recorder", "refusal"])
+def test_whatever_ends_the_program_early_the_axis_is_asked_to_stop(monkeypatch, end):
+    """Not where the reference was refused: then nothing of this command is under way."""
+    came, service, turns = [], Service(accepted=end != "refusal"), []
+
+    def check():
+        turns.append(time.monotonic())
+        if len(turns) > 3 and end == "recorder":
+            raise CellFailure("bag_recorder ended with status 1")
+
+    def turn(*_, **__):
+        if len(turns) > 3 and end == "signal":
+            came.append(signal.SIGINT)
+
+    monkeypatch.setattr(rclpy, "spin_once", turn)
+    monkeypatch.setattr(rclpy, "ok", lambda: True)
+    with pytest.raises(KeyboardInterrupt if end == "signal" else CellFailure):
+        player_of(service, came, check).play(np.linspace(0.0, 1e-5, 100))
+    assert service.asked[0] > 0 and service.asked[1:] == ([] if end == "refusal" else [0])

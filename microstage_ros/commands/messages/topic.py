@@ -1,5 +1,6 @@
 """``topic list``, ``topic echo``, ``topic hz``: what ``ros2 topic`` shows, where that program is not installed."""
 
+import re
 import sys
 import time
 
@@ -17,7 +18,7 @@ LONGEST = 20
 def main(argv=None):
     """Run the command. Returns 0; 1 where nothing was heard.
 
-    Raises InputError: a name where none is expected or none where one is, a count below 1.
+    Raises InputError: a name where none is expected or none where one is, one that no topic can have, a count below 1.
     """
     parser = Parser(
         prog="microstage topic", description="Topics of the running nodes: list them, show messages, measure rates."
@@ -28,7 +29,6 @@ def main(argv=None):
         "--number",
         "-n",
         type=int,
-        default=0,
         metavar="N",
         help="echo: so many messages, then end (default: until Ctrl-C)",
     )
@@ -51,8 +51,14 @@ def main(argv=None):
             arguments.name,
             "no name" if arguments.verb == "list" else "the name of a topic, such as /axis/driver_status",
         )
-    if arguments.number < 0:
+    if arguments.number is not None and arguments.number < 1:
         raise InputError("--number", arguments.number, "1 or more messages")
+    if arguments.name is not None:
+        arguments.name = arguments.name if arguments.name.startswith("/") else f"/{arguments.name}"
+        if not re.fullmatch(r"(/[A-Za-z_][A-Za-z0-9_]*)+", arguments.name):
+            raise InputError(
+                f"topic {arguments.verb}", arguments.name, "a name of letters, digits, _ and /, such as /axis/state"
+            )
     return _run(arguments)
 
 
@@ -67,7 +73,7 @@ def _run(arguments):
             return _list(node, arguments)
         reader = _Reader(node, arguments)
         return (
-            reader.echo(1 if arguments.once else arguments.number)
+            reader.echo(1 if arguments.once else arguments.number or 0)
             if arguments.verb == "echo"
             else reader.rate(arguments.time)
         )
@@ -104,7 +110,7 @@ class _Reader:
         from microstage_ros.ros.transport.topics import DEPTH
 
         self._node, self._wait, self._spin = node, arguments.wait, rclpy.spin_once
-        self.name = arguments.name if arguments.name.startswith("/") else "/" + arguments.name
+        self.name = arguments.name
         offered = self._offered(time.monotonic() + arguments.wait)
         kind = offered[0].topic_type
         message_class = message_class_of(kind)

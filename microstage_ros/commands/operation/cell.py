@@ -76,6 +76,11 @@ def earlier_aside(folder):
             os.replace(aside, folder)
 
 
+def move_hint(namespace):
+    """The command that moves the axis ``namespace``; the default one need not be named."""
+    return "./microstage move --to 1e-5" + (f" --namespace {namespace}" if namespace != "/axis" else "")
+
+
 def _run(arguments, backend, machine, recording):
     from microstage_ros.ros.launching.cell_processes import NODES, QUICK, CellFailure, CellProcesses
     from microstage_ros.ros.launching.interruption import Interruption
@@ -110,7 +115,7 @@ def _run(arguments, backend, machine, recording):
             answer.state(namespace=arguments.namespace, nodes=list(nodes), mode=arguments.mode, backend=backend.name,
                          simulated=backend.simulated, seed=arguments.seed, record=arguments.record)
             print(f"{arguments.namespace} is active ({len(nodes)} nodes, {arguments.mode}, {what}). "
-                  f"In another terminal: ./microstage move --to 1e-5. Ctrl-C stops it.", flush=True)
+                  f"In another terminal: {move_hint(arguments.namespace)}. Ctrl-C stops it.", flush=True)
             run_until_interrupted(supervisor, lambda seconds: rclpy.spin_once(node, timeout_sec=seconds), interruption)
         finally:
             cell.stop(QUICK)

@@ -14,6 +14,7 @@ from microstage_ros.commands.backend import add_backend, chosen_backend
 from microstage_ros.commands.parser import Parser
 from microstage_ros.commands.progress import progress
 from microstage_ros.files import complete_folder, keep_earlier, write_text
+from microstage_ros.model.actuators import actuator_of
 from microstage_ros.places import config_file
 from microstage_ros.quantities.errors import InputError
 
@@ -85,12 +86,16 @@ def _run(arguments, axis, out, backend):
 
     from microstage_ros.ros.client import NoAnswer
     from microstage_ros.ros.launching.cell_processes import CellFailure
+    from microstage_ros.ros.launching.ownership import free_namespace
 
     print(f"{which_ros()}\n{backend.words(axis.name, arguments.seed)}", file=sys.stderr)
+    namespace = free_namespace()
+    if namespace != "/axis":
+        print(f"/axis is in use; this demo is {namespace}", file=sys.stderr)
     moves = program(QUICK_REPEATS if arguments.quick else REPEATS)
     with complete_folder(out) as folder:
         try:
-            results = _make_moves(arguments, axis, out, folder, moves, backend)
+            results = _make_moves(arguments, axis, out, folder, moves, backend, namespace)
         except (CellFailure, NoAnswer) as failure:  # the bag as far as it goes is kept: it may show why
             says = f"{failure}; what the nodes said is in {out / 'logs'}"
             answer.state(error={"place": "demo", "says": says})
@@ -98,40 +103,48 @@ def _run(arguments, axis, out, backend):
             return 1
         finally:
             rclpy.try_shutdown()
-        failed = _write(arguments, axis, out, folder, results, backend)
+        facts = _facts(arguments, axis, backend, namespace)
+        write_text(folder / "moves.json", json.dumps({"run": facts, "moves": results}, indent=1))
+    failed = _tell(out, results, facts)
     if failed:
         print(f"{len(failed)} of {len(results)} moves did not settle", file=sys.stderr)
     return 1 if failed else 0
 
 
-def _write(arguments, axis, out, folder, results, backend):
-    """Moves and report into ``folder``, the table to the terminal. Returns the targets that were not reached."""
+def _facts(arguments, axis, backend, namespace):
+    """What the moves were made with."""
+    return {"version": __version__, "axis": axis.name, "namespace": namespace, "seed": arguments.seed,
+            "controller": arguments.controller or axis.controller["type"], "tolerance_m": TOLERANCE,
+            "settle_time_s": SETTLE_TIME, "ros": which_ros(), "simulated": backend.simulated, "backend": backend.name,
+            "instrument": "interferometer" if backend.instruments else "encoder", "period_s": axis.value("period"),
+            "command": actuator_of(axis).command.as_dict()}
+
+
+def _tell(out, results, facts):
+    """The report beside the bag in ``out``, the table to the terminal. Returns the targets that were not reached."""
     from microstage_ros.commands.operation.demo_report import accuracy_rows, print_table, write_report
 
-    facts = {"version": __version__, "axis": axis.name, "seed": arguments.seed,
-             "controller": arguments.controller or axis.controller["type"], "tolerance_m": TOLERANCE,
-             "settle_time_s": SETTLE_TIME, "ros": which_ros(), "simulated": backend.simulated, "backend": backend.name,
-             "instrument": "interferometer" if backend.instruments else "encoder", "period_s": axis.value("period")}
-    write_text(folder / "moves.json", json.dumps({"run": facts, "moves": results}, indent=1))
-    answer.state(run=facts, moves=results, report=str(out / "report.html"), bag=str(out / "bag"))
+    report = out / "report.html"
+    report.unlink(missing_ok=True)  # of an earlier run: it does not belong to this bag
+    answer.state(run=facts, moves=results, report=str(report), bag=str(out / "bag"))
     rows = accuracy_rows(results)
     print_table(rows, facts)
-    write_report(folder / "report.html", folder / "bag", rows, results, facts)
-    print(f"{out / 'report.html'}: the report; {out / 'bag'}: the bag")
+    try:
+        write_report(report, out / "bag", rows, results, facts)
+    except Exception:
+        print(f"the report could not be made; bag and moves.json are in {out}", file=sys.stderr)
+        raise
+    print(f"{report}: the report; {out / 'bag'}: the bag")
     return [move["target_m"] for move in results if not move["reached"]]
 
 
-def _make_moves(arguments, axis, out, folder, moves, backend):
+def _make_moves(arguments, axis, out, folder, moves, backend, namespace):
     """Start the cell, make the moves, stop it. Returns one dict per measured move."""
     import rclpy
 
     from microstage_ros.ros.client import AxisClient
     from microstage_ros.ros.launching.cell_processes import NODES, CellProcesses
-    from microstage_ros.ros.launching.ownership import free_namespace
 
-    namespace = free_namespace()
-    if namespace != "/axis":
-        print(f"/axis is in use; this demo is {namespace}", file=sys.stderr)
     out.mkdir(parents=True, exist_ok=True)
     rclpy.init()
     node = rclpy.create_node("demo", namespace=namespace)

@@ -90,7 +90,7 @@ def write_report(path, bag, rows, results, facts):
     Parameters
     ----------
     path : of the page. bag : folder of the run's bag. rows : of `accuracy_rows`. results : one dict per move.
-    facts : version, axis, seed, controller and conditions of the run.
+    facts : version, axis, namespace, seed, controller and conditions of the run.
     """
     simulated = facts["simulated"]
     page = Page("Point-to-point moves of a simulated axis" if simulated else "Point-to-point moves",
@@ -103,19 +103,21 @@ def write_report(path, bag, rows, results, facts):
               f"({facts['settle_time_s'] * 1e3:.0f} ms within ±{facts['tolerance_m'] * 1e9:.0f} nm by the encoder). "
               "The instrument's own uncertainty is not in it. The interval is the chi-square one for so few repeats; "
               "4s leaves the mean error out, so it is a repeatability.")
-    streams = _streams(bag)
+    streams = _streams(bag, facts["namespace"])
     page.section("Moves")
     for target in sorted({abs(row["target"]) for row in rows}):
         move = next((m for m in results if m["target_m"] == target), None)
         if move and move["end_sequence"]:
             page.figure(
-                _move_figure(streams, move, facts["period_s"]),
-                f"First move to {target * 1e6:g} µm: position, error, voltage.",
+                _move_figure(streams, move, facts["period_s"], facts["command"]),
+                f"First move to {target * 1e6:g} µm: position, error, {facts['command']['quantity']}.",
                 "Reference, encoder and interferometer against time",
             )
     page.section("Gains and friction over the run")
     page.figure(
-        _gain_figure(streams, facts["period_s"]), "Gains of the self-tuning regulator.", "Three gains against time"
+        _gain_figure(streams, facts["period_s"], facts["command"]["unit"]),
+        f"Gains of the controller {facts['controller']}.",
+        "Three gains against time",
     )
     if len(streams.get("simulation", ())):
         page.figure(
@@ -123,7 +125,9 @@ def write_report(path, bag, rows, results, facts):
             "Friction of both contacts: the observer's estimate and what the simulation knows to be true.",
             "Estimated and true friction against time",
         )
-        page.text(_friction_words(streams))
+        words = _friction_words(streams)
+        if words:
+            page.text(words)
     page.section("The loop")
     page.figure(_timing_figure(streams), "From publishing a state to the command that answers it (wall clock); in "
                 "lockstep simulated time waits for it.", "Histogram of response times")
@@ -178,9 +182,10 @@ def _verdict(page, rows, results, simulated):
                        f"paper: {row['paper'] * 1e9:.0f} nm") for row in good if row["target"] > 0])
 
 
-def _streams(bag):
-    """The bag's topics that the page needs, as arrays, without the namespace."""
-    return {name.rsplit("/", 1)[-1]: values for name, values in read_bag(bag).items() if name.startswith("/axis/")}
+def _streams(bag, namespace):
+    """The topics of the axis ``namespace`` in the bag, as arrays, without the namespace."""
+    inside = f"{namespace}/"
+    return {name.removeprefix(inside): values for name, values in read_bag(bag).items() if name.startswith(inside)}
 
 
 def _part(stream, first, last):
@@ -188,7 +193,7 @@ def _part(stream, first, last):
     return stream[(stream["sequence"] >= first) & (stream["sequence"] <= last)]
 
 
-def _move_figure(streams, move, period):
+def _move_figure(streams, move, period, command_facts):
     first, last = max(move["start_sequence"] - TAIL, 0), move["end_sequence"]
     measured = "interferometer" if len(streams.get("interferometer", ())) else "state"
     state, command, light = (_part(streams[name], first, last) for name in ("state", "command", measured))
@@ -207,7 +212,7 @@ def _move_figure(streams, move, period):
     plot_signal(middle, time(light), (light["position"] - wanted) * 1e9, color=COLOURS["orange"])
     middle.set_ylabel(f"{'interferometer' if measured != 'state' else 'encoder'}\n− reference [nm]")
     plot_signal(bottom, time(command), command["voltage"], color=COLOURS["green"])
-    bottom.set_ylabel("voltage [V]")
+    bottom.set_ylabel(f"{command_facts['quantity']} [{command_facts['unit']}]")
     bottom.set_xlabel("time since the start of the move [ms]")
     return figure
 
@@ -216,11 +221,11 @@ def _seconds(stream, period):
     return stream["sequence"].astype(float) * period
 
 
-def _gain_figure(streams, period):
+def _gain_figure(streams, period, unit):
     inside = streams["controller_state"]
     figure, axes = new_figure(3, 1, height=1.5, sharex=True)
     for plot, field, label in zip(axes, ("proportional_gain", "integral_gain", "derivative_gain"),
-                                  ("K_P [V/µm]", "K_I [V/(µm s)]", "K_D [V s/m]")):
+                                  (f"K_P [{unit}/µm]", f"K_I [{unit}/(µm s)]", f"K_D [{unit} s/m]")):
         factor = 1.0 if field == "derivative_gain" else 1e-6
         plot_signal(plot, _seconds(inside, period), inside[field] * factor)
         plot.set_ylabel(label)
@@ -250,17 +255,15 @@ def _friction_figure(streams, period):
 
 
 def _friction_words(streams):
+    """The error of the friction estimate in one sentence, contact by contact; empty where no true friction moves."""
     estimate, truth = _friction(streams)
     words = []
     for field, name in (("actuator_torque", "actuator and gearhead"), ("guideway_force", "guideways")):
-        error = estimate[field] - truth[field]
-        share = np.sqrt(np.mean(error**2) / np.mean(truth[field] ** 2))
-        words.append(f"{name} {share * 100:.1f} %")
-    return (
-        "Error of the friction estimate over the run, rms relative to the true friction's rms: "
-        + ", ".join(words)
-        + "."
-    )
+        error, true = np.sum((estimate[field] - truth[field]) ** 2), np.sum(truth[field] ** 2)
+        if true > 0.0 and np.isfinite(error):
+            words.append(f"{name} {np.sqrt(error / true) * 100:.1f} %")
+    said = "Error of the friction estimate over the run, rms relative to the true friction's rms: "
+    return f"{said}{', '.join(words)}." if words else ""
 
 
 def _timing_figure(streams):

@@ -1,8 +1,10 @@
 """``experiment``: a run file's closed-loop program on a cell, its own or one that runs, recorded to a bag that
 `identify` reads."""
 
+import signal
 import sys
 import time
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +24,9 @@ ANSWER = 20.0  # longest wait for the controller's answer [s]
 SOUGHT = 3.0  # longest wait for any sign of a cell of that name [s]
 DRAIN = 2.0  # beside a cell that goes on: what was under way when the program ended [s]
 STALLED = 30.0  # no state for so long: the cell has stopped [s]
+STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+STOP_ANSWER = 2.0  # longest wait for the answer to a stop, where the program does not end by itself [s]
+STOP_AGAIN = 0.2  # a stop that is not answered is asked for again after so long [s]
 GROWN = 6  # sizes of the bag that have been seen when it grows
 LONGEST = 120.0  # seconds of program: one request carries all its positions
 
@@ -170,6 +175,7 @@ def recorded_beside(namespace, text, out, folder, period, made):
     Number of periods of the programme. Raises CellFailure.
     """
     import rclpy
+    from rclpy.signals import SignalHandlerOptions
 
     from microstage_ros.ros.launching.cell_processes import CellProcesses
 
@@ -178,18 +184,34 @@ def recorded_beside(namespace, text, out, folder, period, made):
     }
     parameters = {"bag_recorder": recorder}
     print(f"{which_ros()}\nThe cell that runs in {namespace}.", file=sys.stderr)
-    rclpy.init()
-    node = rclpy.create_node("experiment", namespace=namespace)
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # rclpy's would end its context before the stop
     try:
-        with CellProcesses(namespace, ("bag_recorder",), parameters, out / "logs", beside="experiment") as recorder:
-            player = _Player(node, recorder, period)
-            player.meet(namespace)
-            _until_recorded(player, folder / "bag")
-            reference = made(player.place)
-            player.play(reference)
+        with _signals_kept() as came:
+            beside = CellProcesses(namespace, ("bag_recorder",), parameters, out / "logs", beside="experiment")
+            player = _Player(rclpy.create_node("experiment", namespace=namespace), beside, period, came)
+            player.meet(namespace)  # before the recorder begins a bag
+            with beside:
+                _until_recorded(player, folder / "bag")
+                reference = made(player.place)
+                player.play(reference)
     finally:
         rclpy.try_shutdown()
     return len(reference)
+
+
+@contextmanager
+def _signals_kept():
+    """Gives a list of the numbers of the `STOPPING` signals that came; raises KeyboardInterrupt at the end for them."""
+    came = []
+    heeded = [number for number in STOPPING if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN]
+    before = {number: signal.signal(number, lambda number, _: came.append(number)) for number in heeded}
+    try:
+        yield came
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler or signal.SIG_DFL)
+    if came:
+        raise KeyboardInterrupt
 
 
 def _until_recorded(player, folder):
@@ -205,9 +227,15 @@ def _until_recorded(player, folder):
 
 
 class _Player:
-    """Plays positions to the controller and waits until they have been driven."""
+    """Plays positions to the controller and waits until they have been driven; stops the axis if it cannot go on.
 
-    def __init__(self, node, cell, period):
+    Parameters
+    ----------
+    node : rclpy node that nobody spins. cell : processes that must go on. period : of control [s].
+    came : numbers of the signals that came; with one of them `turn` raises KeyboardInterrupt.
+    """
+
+    def __init__(self, node, cell, period, came=()):
         from microstage_msgs.msg import ControllerState
         from microstage_msgs.srv import FollowReference
 
@@ -216,17 +244,21 @@ class _Player:
         self._node, self._cell, self._period, self._request = node, cell, period, FollowReference.Request
         self._service = node.create_client(FollowReference, topics.FOLLOW_REFERENCE)
         self._state, self._heard = None, time.monotonic()
+        self._came, self._sent = came, False
         self._watch = node.create_subscription(ControllerState, topics.CONTROLLER_STATE, self._hear, 10)
 
     def _hear(self, state):
         self._state, self._heard = state, time.monotonic()
 
     def turn(self):
-        """A moment for the node; raises CellFailure where a process has ended or nothing is heard."""
+        """A moment for the node; raises CellFailure where a process has ended or nothing is heard, KeyboardInterrupt
+        where a signal came."""
         import rclpy
 
         from microstage_ros.ros.launching.cell_processes import CellFailure
 
+        if self._came:
+            raise KeyboardInterrupt
         self._cell.check()
         rclpy.spin_once(self._node, timeout_sec=0.02)
         if time.monotonic() - self._heard > STALLED:
@@ -253,12 +285,14 @@ class _Player:
     def _ask(self, positions):
         from microstage_ros.ros.launching.cell_processes import CellFailure
 
-        answer, end = self._service.call_async(self._request(positions=positions.tolist())), time.monotonic() + ANSWER
+        request, self._sent = self._request(positions=positions.tolist()), True
+        answer, end = self._service.call_async(request), time.monotonic() + ANSWER
         while not answer.done():
             self.turn()
             if time.monotonic() > end:
                 raise CellFailure(f"the controller gave no answer within {ANSWER:g} s")
         if not answer.result().accepted:
+            self._sent = False  # what plays, if anything, is another's
             raise CellFailure(f"the controller refused the reference: {answer.result().message}")
         return answer.result().rest_sequence
 
@@ -273,6 +307,29 @@ class _Player:
         while self._state is None or not self._service.service_is_ready():
             self.turn()
         first = float(reference[0])
-        self._wait(self._ask(jerk_limited_move(self._state.reference, first, self._period)))
         rest = np.full(int(LEAD_IN / self._period), first)
-        self._wait(self._ask(np.concatenate([rest, reference])))
+        try:
+            self._wait(self._ask(jerk_limited_move(self._state.reference, first, self._period)))
+            self._wait(self._ask(np.concatenate([rest, reference])))
+        except BaseException:
+            if self._sent:
+                self._stop()
+            raise
+
+    def _stop(self):
+        """Ask the controller to bring the reference to rest, and wait `STOP_ANSWER` [s] at most for its answer."""
+        import rclpy
+
+        if not rclpy.ok():  # interrupted in a cell of its own, whose end takes the voltage away
+            return
+        asked, end, again = [], time.monotonic() + STOP_ANSWER, 0.0
+        with suppress(Exception):
+            while not any(answer.done() for answer in asked) and time.monotonic() < end:
+                if time.monotonic() > again:
+                    asked.append(self._service.call_async(self._request()))
+                    again = time.monotonic() + STOP_AGAIN
+                rclpy.spin_once(self._node, timeout_sec=0.02)
+        if any(answer.done() and answer.result() and answer.result().accepted for answer in asked):
+            print("the axis stops and holds", file=sys.stderr)
+        else:
+            print("the controller has not answered the stop: ./microstage stop takes the voltage away", file=sys.stderr)

@@ -1,5 +1,7 @@
 """``jog``: a constant speed for a while, then hold."""
 
+import re
+
 from microstage_ros.commands import units
 from microstage_ros.commands.operator import ask, operator_parser
 from microstage_ros.quantities.errors import InputError
@@ -10,7 +12,7 @@ LONGEST_S = 10.0
 def main(argv=None):
     """Run the command. Returns 0 if the axis moves, 1 otherwise.
 
-    Raises InputError: a duration out of range.
+    Raises InputError: a duration out of range, a speed above that of the axis.
     """
     parser = operator_parser(
         "jog", "Moves at a constant speed for a while, then holds; a newer jog or goal supersedes it."
@@ -26,6 +28,9 @@ def main(argv=None):
 
     def question(axis):
         response = axis.jog(-arguments.speed if arguments.back else arguments.speed, arguments.duration)
+        too_fast = re.fullmatch(r"velocity: got .* to (.*)", response.message)  # of `MoveRequests`
+        if too_fast and not response.accepted:
+            raise InputError("--speed", f"{arguments.speed:g} m/s", f"at most {too_fast[1]}, the limit of the axis")
         return response.accepted, response.message
 
     return ask(arguments.namespace, question)

@@ -6,6 +6,7 @@ import time
 from microstage_ros.commands import answer
 from microstage_ros.commands.operator import name_live_axes, operator_parser
 from microstage_ros.hardware.command_gate import FAULTS
+from microstage_ros.quantities.command import COMMANDS
 
 STATES = {0: "starting", 1: "running", 2: "stopped by a signal", 3: "ended", 4: "started again"}
 
@@ -44,8 +45,7 @@ def _run(arguments):
         fault=FAULTS[driver.fault],
         says=driver.message,
         position_m=found.position,
-        voltage_V=found.voltage if unit == "V" else None,
-        command=found.voltage,
+        **{"voltage_V": None, command_column(unit): found.voltage},
         command_unit=unit,
         lockstep=driver.lockstep,
         simulated=driver.simulated,
@@ -69,6 +69,11 @@ def _run(arguments):
     if cell is not None and cell.message:
         print(f"  missing: {cell.message}")
     return 0 if driver.active and not driver.fault else 1
+
+
+def command_column(unit):
+    """The key of a command in ``unit``, such as "V": what records call it, which says the unit."""
+    return next((command.column for command in COMMANDS if command.unit == unit), "command_value")
 
 
 def _print_nodes(processes, every):

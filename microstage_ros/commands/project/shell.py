@@ -10,7 +10,8 @@ from microstage_ros.commands.parser import nearest
 USAGE = """usage: microstage shell [COMMAND [ARGUMENT...]]
 
 Without a command a shell in which python finds rclpy, microstage_msgs and microstage_ros (leave it with exit);
-with one, that command alone. Examples: microstage shell python my_moves.py   microstage shell ros2 topic list
+with one, that command alone. Examples: microstage shell python my_moves.py   microstage shell python -c "import rclpy"
+The program ros2 is there only where a ROS 2 installation is sourced; microstage topic list needs none.
 """
 
 

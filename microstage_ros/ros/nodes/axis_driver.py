@@ -142,6 +142,7 @@ class AxisDriver(DriverRequests):
         self._watch_the_watchdog()
         if not self.holder.found:
             self._find_commander()
+        self.holder.learn_name()
         counters = {name: getattr(self.gate, name) for name in COUNTERS} | {
             "overruns": self.overruns, "foreign": self._checked.foreign, "malformed": self._checked.malformed,
             "taken_away": self.guard.taken_count, "host_stops": self.host_stops, "host_stopped": self.host_stopped}

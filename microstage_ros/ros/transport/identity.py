@@ -16,6 +16,8 @@ from microstage_ros.ros.transport.c_calls import GID_AT, HALF
 ANYBODY = (0, 0)
 NOBODY = (-1, 0)
 """Numbers that no process has."""
+UNNAMED, UNKNOWN = "_NODE_NAME_UNKNOWN_", "unknown"
+"""What the middleware calls a node of which it knows an endpoint and no name yet, and what is said of it here."""
 
 
 def process_of(gid):
@@ -73,7 +75,7 @@ class Holder:
     ----------
     words : int64 (2,), the holder's numbers as compiled code compares them; while there is none, zeros, or `NOBODY` if
         it is strict.
-    name : of its node, empty if none.
+    name : of its node, empty if none, `UNKNOWN` until the graph tells it.
     """
 
     def __init__(self, node, topic, names=()):
@@ -96,7 +98,8 @@ class Holder:
         """Process numbers to full node name, of all that publish on the topic now."""
         found = {}
         for info in self._node.get_publishers_info_by_topic(self._topic):
-            found[process_of(info.endpoint_gid)] = f"{info.node_namespace.rstrip('/')}/{info.node_name}"
+            name = f"{info.node_namespace.rstrip('/')}/{info.node_name}"
+            found[process_of(info.endpoint_gid)] = UNKNOWN if info.node_name == UNNAMED else name
         return found
 
     def look(self):
@@ -108,6 +111,11 @@ class Holder:
             mine = tuple(self.words.tolist())
         self.name = found.get(mine, "")  # the graph may learn it later than the endpoint
         return {numbers: name for numbers, name in found.items() if numbers != mine}
+
+    def learn_name(self):
+        """The holder's name from the graph, where it is not known yet; the holder stays."""
+        if self.name == UNKNOWN:
+            self.name = self.publishers().get(tuple(self.words.tolist()), UNKNOWN)
 
     def look_beyond(self):
         """As `look`, when the holder has been silent: another of an expected name takes its place, if there is one."""

@@ -1,5 +1,7 @@
 """Who may publish on a topic is known by the identity of its process; without a holder nobody is obeyed where it counts."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import rclpy
 from microstage_msgs.msg import VoltageCommand
@@ -57,3 +59,17 @@ def test_a_stranger_that_came_first_gives_way_to_the_expected_sender(node):
         controller.destroy_node()
         rclpy.try_shutdown(context=context)
         node.destroy_publisher(stranger)
+
+
+def test_a_name_that_the_graph_learns_late(monkeypatch):
+    """The middleware's own word for it is told nobody; the holder is the same before and after."""
+    info = SimpleNamespace(endpoint_gid=list(range(1, 17)), node_namespace="_NODE_NAMESPACE_UNKNOWN_", node_name="_NODE_NAME_UNKNOWN_")
+    graph = SimpleNamespace(resolve_topic_name=str, get_namespace=lambda: "/axis", get_publishers_info_by_topic=lambda topic: [info])
+    holder = Holder(graph, "command", ("str_controller",))
+    holder.look()
+    held = holder.words.tolist()
+    holder.learn_name()
+    assert holder.found and holder.name == "unknown"
+    info.node_namespace, info.node_name = "/axis", "str_controller"
+    holder.learn_name()
+    assert holder.name == "/axis/str_controller" and holder.words.tolist() == held
