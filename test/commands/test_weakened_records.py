@@ -4,10 +4,16 @@ import types
 
 import numpy as np
 
-from microstage_ros.commands.analysis import tune
+import pytest
+
+from microstage_ros.commands.analysis import identify, tune
+from microstage_ros.commands.messages import replay
 from microstage_ros.model.axis_file import load_axis
 from microstage_ros.places import config_file
-from microstage_ros.records import Record
+from microstage_ros.monitoring.windows import windows_of
+from microstage_ros.records import Record, read_record, write_record
+from microstage_ros.records.bags import bag_writer
+from microstage_ros.records.checks import check_record
 
 AXIS = load_axis(config_file("axis.yaml"))
 
@@ -30,3 +36,27 @@ def test_tuning_a_running_cell_says_what_weakens_its_record(tmp_path, monkeypatc
     assert tune._identified_running(asked, AXIS) is AXIS
     said = capsys.readouterr().err
     assert "warning: bag: 1 stop of the host\n" in said and "sampled every 0.0002 s, the axis every 0.0001 s" in said
+
+
+@pytest.fixture
+def cut(tmp_path, monkeypatch):
+    """A bag of 2 s of which the second half is lost."""
+    monkeypatch.setattr(bag_writer, "CHUNK_BYTES", 100_000)
+    write_record(moving(), tmp_path / "whole.mcap")
+    raw = (tmp_path / "whole.mcap").read_bytes()
+    path = tmp_path / "cut.mcap"
+    path.write_bytes(raw[: len(raw) // 2])
+    return path
+
+
+def test_a_bag_that_was_cut_off_is_read_with_a_warning(cut, capsys, monkeypatch):
+    assert not read_record(cut.with_name("whole.mcap")).remarks
+    record = read_record(cut)
+    (remark,) = record.remarks
+    assert remark.startswith(f"{cut}: cut off after ") and f"`microstage recover {cut}`" in remark
+    assert check_record(record, AXIS, 0.1)[0] == remark
+    list(windows_of(record, 0.5))
+    monkeypatch.setattr(replay, "_replay", lambda *_: 0)
+    replay.main([str(cut)])
+    identify.tell(types.SimpleNamespace(estimates={}, remarks=()), cut, [remark])
+    assert capsys.readouterr().err == 3 * f"warning: {remark}\n"

@@ -2,6 +2,7 @@
 
 import argparse
 import pathlib
+import sys
 
 import yaml
 
@@ -143,9 +144,9 @@ def _taken(paths, axis, read, warnings, bar):
 
 
 def tell(result, out, warnings=()):
-    """Print the result in a few lines."""
+    """Print the result in a few lines, warnings on standard error."""
     for warning in warnings:
-        print(f"warning: {warning}")
+        print(f"warning: {warning}", file=sys.stderr)
     for estimate in result.estimates.values():
         if estimate.determined:
             print(f"  {estimate.key}: {in_words(estimate)}")

@@ -89,7 +89,8 @@ def bag_to_record(path, namespace=None):
     Returns
     -------
     Record : one row per control period; a period that a topic lacks is NaN.  If the driver was
-        activated several times, the longest of these runs. Its remarks tell of stops of the host.
+        activated several times, the longest of these runs. Its remarks tell of stops of the host, and
+        of a file that was cut off.
 
     Raises
     ------
@@ -124,7 +125,7 @@ def bag_to_record(path, namespace=None):
     names = {VOLTAGE.column: command.column, VOLTAGE.disturbance: command.disturbance}
     columns = {names.get(name, name): values for name, values in columns.items()}
     metadata = {name: metadata_value(text) for name, text in bag.custom_data.items()}
-    remarks = tuple(f"{path}: {sentence}" for sentence in _stops(states, period_s))
+    remarks = (*bag.remarks, *(f"{path}: {sentence}" for sentence in _stops(states, period_s)))
     return Record(period_s, {"t_s": np.arange(rows) * period_s, **columns}, str(path), metadata, remarks)
 
 
