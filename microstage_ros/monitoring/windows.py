@@ -10,8 +10,9 @@ DEFAULT_WINDOW = 20.0  # s: the time length of the shipped axis's random frictio
 
 
 def windows_of(record, window_s):
-    """Windows of a record, (start [s], `Record`), one after the other, those in which the axis moved. What weakens the
-    record is said on standard error.
+    """Windows of a record, (start [s], `Record`), one after the other, those in which the axis moved.
+
+    What weakens the record is said on standard error.
 
     Parameters
     ----------

@@ -9,6 +9,7 @@ import yaml
 from microstage_ros import __version__
 from microstage_ros.commands import answer
 from microstage_ros.commands.axis import read_axis
+from microstage_ros.commands.given_twice import refuse_given_twice
 from microstage_ros.commands.parser import Parser
 from microstage_ros.commands.progress import progress
 from microstage_ros.control.runs.components import component_records
@@ -68,6 +69,7 @@ def main(argv=None):
     for path in arguments.records:
         if not pathlib.Path(path).exists():
             raise missing(path, "a record: .mcap, bag folder, .csv[.gz|.xz]")
+    refuse_given_twice(RECORD=arguments.records)
     machine = load_machine(arguments.axis)
     if isinstance(machine, CoarseFine):
         return _of_two(machine, arguments, out)
