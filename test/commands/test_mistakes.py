@@ -194,6 +194,10 @@ MISTAKES = {
     "an earlier campaign of nothing": (["campaign", "--cases", "1", "--from", "answer/report.json"], "got 'no list of cases'"),
     "an earlier search that nothing uses": (["compare", "--found", "no.json", "--out", "new"], "--opponents N beside it"),
     "an earlier search that is not there": (["compare", "--opponents", "9", "--found", "no.json", "--out", "new"], "--found: got 'no.json'"),
+    "a seed of a tuning below zero": (["tune", "--axis", "axis.yaml", "--seed", "-1"], "--seed: got -1"),
+    "a seed of a diagnosis below zero": (["diagnose", "--axis", "axis.yaml", "rec.csv", "--out", "new", "--seed", "-1"], "--seed: got -1"),
+    "a seed of an examined watch below zero": (["watch", "--axis", "axis.yaml", "--examine", "1", "--seed", "-1"], "--seed: got -1"),
+    "false alarms that are no number": (["watch", "--axis", "axis.yaml", "--false-alarms", "nan"], "--false-alarms: got nan"),
     "no cases": (["campaign", "--cases", "0"], "1 or more"),
 }
 
