@@ -108,7 +108,7 @@ class Parser(argparse.ArgumentParser):
                 raise InputError(option, value, "a whole number from 0")
             if action.type is float and value is not action.default:
                 for one in value if isinstance(value, list) else [value]:
-                    if not math.isfinite(one):
+                    if isinstance(one, float) and not math.isfinite(one):
                         raise InputError(option, one, "a finite number")
 
     def error(self, message):
