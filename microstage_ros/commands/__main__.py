@@ -49,25 +49,42 @@ def _run(name, arguments):
     """Run one command, its errors as exit statuses and single lines."""
     try:
         return importlib.import_module(module_of(name)).main(arguments) or 0
-    except InputError as error:
+    except SystemExit as ended:  # usage error or --help
+        return ended.code or 0
+    except (Exception, KeyboardInterrupt) as error:
+        if _is_interruption(error):
+            print(f"{os.linesep if sys.stderr.isatty() else ''}microstage {name}: interrupted", file=sys.stderr)
+            return 130
+        status = _said(name, error)
+        if status is None:
+            raise
+        return status
+
+
+def _is_interruption(error):
+    """True for Ctrl-C, also where it was raised within compiled code, which makes a SystemError of it."""
+    seen = set()
+    while error is not None and id(error) not in seen:
+        if isinstance(error, KeyboardInterrupt):
+            return True
+        seen.add(id(error))
+        error = error.__cause__ or error.__context__
+    return False
+
+
+def _said(name, error):
+    """Say in one line what is wrong with the input or with a file. Returns the exit status; None for other errors."""
+    if isinstance(error, InputError):
         says = " ".join(str(error).split())
         answer.state(error={"place": error.place, "value": error.value, "expected": error.expected, "says": says})
         print(says, file=sys.stderr)
         return 2
-    except SystemExit as ended:  # usage error or --help
-        return ended.code or 0
-    except KeyboardInterrupt:
-        print(f"{os.linesep if sys.stderr.isatty() else ''}microstage {name}: interrupted", file=sys.stderr)
-        return 130
-    except BrokenPipeError:
-        raise
-    except OSError as error:
-        if error.errno is None:
-            raise
-        says = f"microstage {name}: {error.filename or 'input or output'}: {(error.strerror or str(error)).lower()}"
-        answer.state(error={"place": str(error.filename), "says": says})
-        print(says, file=sys.stderr)
-        return 2 if error.errno in BAD_PLACES else 1
+    if not isinstance(error, OSError) or isinstance(error, BrokenPipeError) or error.errno is None:
+        return None
+    says = f"microstage {name}: {error.filename or 'input or output'}: {(error.strerror or str(error)).lower()}"
+    answer.state(error={"place": str(error.filename), "says": says})
+    print(says, file=sys.stderr)
+    return 2 if error.errno in BAD_PLACES else 1
 
 
 BAD_PLACES = (errno.ENOENT, errno.EACCES, errno.EISDIR, errno.ENOTDIR, errno.ENAMETOOLONG, errno.EROFS, errno.EPERM)

@@ -6,6 +6,7 @@ import pathlib
 
 from microstage_ros.commands import answer
 from microstage_ros.commands.axis import read_axis
+from microstage_ros.commands.given_twice import refuse_given_twice
 from microstage_ros.commands.parser import Parser
 from microstage_ros.commands.progress import progress
 from microstage_ros.diagnosis.logs.batch import cases_of_logs, diagnose_log_batch, with_axis
@@ -49,6 +50,7 @@ def main(argv):
     for path in (*arguments.baseline, *arguments.records):
         if not pathlib.Path(path).exists():
             raise missing(path, "a log: .csv, .txt, .mat, .mcap, plain or .gz, .xz")
+    refuse_given_twice(NOW=arguments.records, baseline=arguments.baseline)
     name = "trend.json" if arguments.over_time else "report.json"
     keep_earlier("--out", [pathlib.Path(arguments.out) / name], arguments.force)
     with progress("reading", len(arguments.baseline) + len(arguments.records)) as bar:

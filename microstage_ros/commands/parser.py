@@ -26,12 +26,14 @@ A command is one file with ``main(argv) -> status``:
 
 import argparse
 import difflib
+import math
 import re
 import sys
 
 from microstage_ros.commands import answer
 from microstage_ros.commands.units import LENGTHS, SPEEDS, TIMES, VOLTAGES
 from microstage_ros.files import keep_earlier
+from microstage_ros.quantities.errors import InputError
 
 _UNITS = sorted({*LENGTHS, *SPEEDS, *TIMES, *VOLTAGES}, key=len, reverse=True)
 NEGATIVE = re.compile(rf"-(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*({'|'.join(map(re.escape, _UNITS))})?")
@@ -52,7 +54,8 @@ _describing = False
 class Parser(argparse.ArgumentParser):
     """An `argparse.ArgumentParser` for people.
 
-    A usage error is one line with the nearest right word, and status 2; negative numbers with exponents and units
+    A usage error is one line with the nearest right word, and status 2, and so is a seed below 0 or a number that is
+    not finite; negative numbers with exponents and units
     (``--to -1e-6``, ``--to -50nm``) are values; every command has ``--json``.
 
     Parameters
@@ -92,9 +95,21 @@ class Parser(argparse.ArgumentParser):
         found, unknown = super().parse_known_args(protected, namespace)
         if getattr(found, "json", None) is True:
             answer.want()
+        self._refuse_numbers(found)
         if isinstance(getattr(found, "json", None), str) and not getattr(found, "resume", False):
             keep_earlier("--json", [found.json], getattr(found, "force", True))
         return found, unknown
+
+    def _refuse_numbers(self, found):
+        """Raise InputError for a seed below 0, and for a number that is not finite, unless it is the default."""
+        for action in self._actions:
+            value, option = getattr(found, action.dest, None), (action.option_strings or [action.dest])[0]
+            if option == "--seed" and isinstance(value, int) and value < 0:
+                raise InputError(option, value, "a whole number from 0")
+            if action.type is float and value is not action.default:
+                for one in value if isinstance(value, list) else [value]:
+                    if isinstance(one, float) and not math.isfinite(one):
+                        raise InputError(option, one, "a finite number")
 
     def error(self, message):
         """Print one line: what is wrong, the nearest right word, where help is; exit status 2."""

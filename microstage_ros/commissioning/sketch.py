@@ -7,17 +7,23 @@ What is missing is filled with a typical value, scaled to what is given, and cou
 """
 
 import math
+import re
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 
 from microstage_ros.files import read_yaml
 from microstage_ros.model.actuators import ACTUATORS, BY_NAME
 from microstage_ros.model.axis_file import axis_from_dict, load_axis
+from microstage_ros.model.plausibility import implausible
 from microstage_ros.places import config_file
 from microstage_ros.quantities.errors import InputError
 
 USUAL = 1.0
 """Tolerance of a number that is given without one: within a factor of two."""
+
+IN_FILE = re.compile(r": line [1-9]")
+"""In a sentence about an axis, after its file: the number stands there."""
 
 UNKNOWN = 9.0
 """Tolerance of a number that is not given: within a factor of ten."""
@@ -64,8 +70,15 @@ class Sketch:
 
 
 def load_sketch(path):
-    """Read a sketch. Raises InputError: file, key, value, what would be right."""
-    return sketch_from_dict(read_yaml(path, "an axis file"), str(path))
+    """Read a sketch; what stands in it and is unlikely is said on standard error.
+
+    Raises InputError: file, key, value, what would be right.
+    """
+    sketch = sketch_from_dict(read_yaml(path, "an axis file"), str(path))
+    for sentence in implausible(sketch.axis):
+        if IN_FILE.match(sentence.removeprefix(str(path))):  # not a typical value that was filled in
+            print(f"warning: {sentence}", file=sys.stderr)
+    return sketch
 
 
 def sketch_from_dict(tree, place="sketch"):

@@ -4,12 +4,16 @@ A trait is the size of one form of the catalogue, fitted alone to one channel's 
 scatter, ln(χ² per row). It is a number to watch, no cause: what the cause is, `diagnose` tells.
 """
 
+import dataclasses
 import math
+import sys
 
 from microstage_ros.diagnosis.catalogue import FORMS
 from microstage_ros.diagnosis.prerequisites.drive import drive_of
+from microstage_ros.diagnosis.preprocessing.common_sensors import OPTIONAL, in_common
 from microstage_ros.diagnosis.preprocessing.preparation import prepare
 from microstage_ros.diagnosis.residuals.collection import Collection
+from microstage_ros.quantities.errors import InputError
 
 SCATTER = "scatter"
 WATCHED = {
@@ -28,7 +32,9 @@ WATCHED = {
 
 
 class Machine:
-    """The numbers of one axis that the residuals need, and the forms that are watched.
+    """The numbers of one axis that the residuals need, the forms that are watched, and the sensors that are used.
+
+    The sensors are those of the first window: what another sensor reads has another noise, and is not comparable.
 
     Parameters
     ----------
@@ -39,6 +45,7 @@ class Machine:
         self.drive = drive_of(axis)
         wanted = {(channel, key) for channel, keys in WATCHED.items() for key in keys}
         self._forms = [form for form in FORMS if (form.channel, form.key) in wanted]
+        self._sensors, self._said = None, set()
 
     def traits(self, record):
         """Sizes of one window, {(channel, trait): size [1]}, in units of the form's own columns.
@@ -49,9 +56,9 @@ class Machine:
 
         Raises
         ------
-        InputError : for a record that the residuals cannot use.
+        InputError : for a record that the residuals cannot use, or one that lacks a sensor of the first window.
         """
-        found = {}
+        found, record = {}, self._comparable(record)
         fast = Collection({"learn": [prepare(record, self.drive)], "held": [], "base": []}, self.drive, fast_only=True)
         slow = Collection(fast.prepared, self.drive)
         for collection, names in ((fast, {"command"}), (slow, set(WATCHED) - {"command"})):
@@ -59,6 +66,24 @@ class Machine:
             for name in sorted(names & present):
                 found |= self._channel(collection, name)
         return found
+
+    def _comparable(self, record):
+        """The window with the sensors that are used; one that is left out is said once on standard error."""
+        ((record,),), notes = in_common([record])
+        present = {name for name in OPTIONAL if name in record}
+        if self._sensors is None:
+            self._sensors = present
+        for name in sorted(self._sensors - present):
+            raise InputError(f"{record.source}: column {name}", "missing in more than half of the rows of a window",
+                             f"{name}, as in the first window; or records that all lack it")
+        for name in sorted(present - self._sensors):
+            notes.append(f"{name} is not used: the first window lacks it.")
+        for note in notes:
+            if (name := note.split(" ", 1)[0]) not in self._said:
+                self._said.add(name)
+                print(f"warning: {note}", file=sys.stderr)
+        columns = {name: record.columns[name] for name in record.columns if name not in present - self._sensors}
+        return dataclasses.replace(record, columns=columns)
 
     def _channel(self, collection, name):
         """Traits of one channel."""

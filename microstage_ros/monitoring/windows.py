@@ -1,5 +1,7 @@
 """Records cut into windows of motion."""
 
+import sys
+
 import numpy as np
 
 LEAST_TRAVEL = 1.0e-4  # m of path: a window that hardly moves says nothing of friction or drive
@@ -10,10 +12,14 @@ DEFAULT_WINDOW = 20.0  # s: the time length of the shipped axis's random frictio
 def windows_of(record, window_s):
     """Windows of a record, (start [s], `Record`), one after the other, those in which the axis moved.
 
+    What weakens the record is said on standard error.
+
     Parameters
     ----------
     record : `Record`. window_s : length of a window [s]; the rest at the end of the record is left out.
     """
+    for remark in record.remarks:
+        print(f"warning: {remark}", file=sys.stderr)
     rows = round(window_s / record.period_s)
     for first in range(0, len(record) - rows + 1, rows):
         part = record.rows(first, first + rows)

@@ -83,7 +83,7 @@ def check_record(record, bounds, minimum_s=1.0):
 
     Returns
     -------
-    list of str : what weakens a result, one sentence each.
+    list of str : what weakens a result, one sentence each; the record's own remarks come first.
 
     Raises
     ------
@@ -93,7 +93,7 @@ def check_record(record, bounds, minimum_s=1.0):
         bounds = Bounds.of_axis(bounds)
     if record.duration_s < minimum_s:
         raise InputError(f"{record.source}: length", f"{record.duration_s:.4g} s", f"at least {minimum_s:g} s")
-    warnings = []
+    warnings = list(record.remarks)
     for check in (_period, _missing, _ranges, _constants, _counts, _position_units, _companions, _command, _current,
                   _clipped):
         warnings += check(record, bounds)

@@ -24,6 +24,7 @@ class Record:
         `t_s` is always among them.
     source : where the record came from (file name); used in messages.
     metadata : version, configuration, seed and whatever else the writer left.
+    remarks : what reading it showed that weakens it, one sentence each; a command prints them as warnings.
 
     Raises
     ------
@@ -34,6 +35,7 @@ class Record:
     columns: dict
     source: str = "record"
     metadata: dict = field(default_factory=dict)
+    remarks: tuple = ()
 
     def __post_init__(self):
         self.columns = {name: np.asarray(values, dtype=float) for name, values in self.columns.items()}
@@ -82,7 +84,7 @@ class Record:
     def rows(self, start, stop):
         """The rows `start` <= n < `stop` [1] as a record of their own; times stay as they were."""
         part = {name: values[start:stop] for name, values in self.columns.items()}
-        return Record(self.period_s, part, self.source, dict(self.metadata))
+        return Record(self.period_s, part, self.source, dict(self.metadata), self.remarks)
 
 
 def refuse_unknown(source, names):

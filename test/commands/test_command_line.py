@@ -68,6 +68,27 @@ def test_errors_of_many_lines_become_one(monkeypatch, capsys):
     assert len(capsys.readouterr().err.strip().splitlines()) == 1
 
 
+def test_an_interruption_within_compiled_code_is_one_too(monkeypatch, capsys):
+    """Compiled code returns with the KeyboardInterrupt set, and CPython makes a SystemError of that."""
+    import microstage_ros.commands.analysis.laws as command
+
+    def interrupted(_):
+        try:
+            raise KeyboardInterrupt
+        except KeyboardInterrupt as error:
+            raise SystemError("returned a result with an exception set") from error
+
+    def broken(_):
+        raise SystemError("of another kind")
+
+    monkeypatch.setattr(command, "main", interrupted)
+    assert run("laws", []) == 130
+    assert capsys.readouterr().err.strip() == "microstage laws: interrupted"
+    monkeypatch.setattr(command, "main", broken)
+    with pytest.raises(SystemError):
+        run("laws", [])
+
+
 def test_demo_keeps_earlier_runs(tmp_path, monkeypatch):
     from microstage_ros.commands.operation.demo import _place
 

@@ -186,11 +186,21 @@ MISTAKES = {
     "failures of robustness in the way": (["robustness", "--out", "failures"], "--force"),
     "judged on what it learned from": (["diagnose", "--axis", "axis.yaml", "rec.csv", "--holdout", "./rec.csv", "--out", "new"], "given as RECORD too"),
     "a healthy axis with the fault": (["diagnose", "--axis", "axis.yaml", "rec.csv", "--baseline", "rec.csv", "--out", "new"], "given as RECORD too"),
+    "a record given twice to identify": (["identify", "--axis", "axis.yaml", "rec.csv", "./rec.csv", "--out", "n.yaml"], "given twice"),
+    "a record given twice to diagnose": (["diagnose", "--axis", "axis.yaml", "rec.csv", "rec.csv", "--out", "new"], "given twice"),
+    "a baseline given twice": (["diagnose", "--axis", "axis.yaml", "rec.csv", "--baseline", "earlier.csv", "earlier.csv", "--out", "new"], "--baseline earlier.csv: got 'a record that is given twice'"),
     "a log for a LOG.yaml": (["diagnose", "--log", "rec.csv", "--baseline", "rec.csv", "--out", "new", "rec.csv"], "rec.csv"),
     "a holdout that is not there": (["diagnose", "--axis", "axis.yaml", "rec.csv", "--holdout", "r.csv", "--out", "new"], "not found"),
     "columns that stand twice": (["identify", "--axis", "axis.yaml", "double.csv", "--out", "n.yaml"], "every column once"),
     "a row too short": (["identify", "--axis", "axis.yaml", "ragged.csv", "--out", "n.yaml"], "line 12"),
     "time that runs back": (["identify", "--axis", "axis.yaml", "back.csv", "--out", "n.yaml"], "line 12"),
+    "an earlier campaign of nothing": (["campaign", "--cases", "1", "--from", "answer/report.json"], "got 'no list of cases'"),
+    "an earlier search that nothing uses": (["compare", "--found", "no.json", "--out", "new"], "--opponents N beside it"),
+    "an earlier search that is not there": (["compare", "--opponents", "9", "--found", "no.json", "--out", "new"], "--found: got 'no.json'"),
+    "a seed of a tuning below zero": (["tune", "--axis", "axis.yaml", "--seed", "-1"], "--seed: got -1"),
+    "a seed of a diagnosis below zero": (["diagnose", "--axis", "axis.yaml", "rec.csv", "--out", "new", "--seed", "-1"], "--seed: got -1"),
+    "a seed of an examined watch below zero": (["watch", "--axis", "axis.yaml", "--examine", "1", "--seed", "-1"], "--seed: got -1"),
+    "false alarms that are no number": (["watch", "--axis", "axis.yaml", "--false-alarms", "nan"], "--false-alarms: got nan"),
     "no cases": (["campaign", "--cases", "0"], "1 or more"),
 }
 
@@ -220,6 +230,12 @@ def test_a_mistake_is_one_line_and_status_2_and_nothing_is_lost(name, folder, ca
     assert said in shown.err and "Traceback" not in shown.err
     assert len([line for line in shown.err.splitlines() if not line.startswith("warning: ")]) == 1, shown.err
     assert contents(folder) == before
+
+
+def test_earlier_campaigns_are_read_before_the_cases_are_run(folder, monkeypatch, capsys):
+    monkeypatch.setattr("microstage_ros.diagnosis.validation.campaign.run", lambda *_: pytest.fail("the cases are run"))
+    assert main(["campaign", "--cases", "1", "--from", "no.json"]) == 2
+    assert "--from no.json: got 'No such file" in capsys.readouterr().err
 
 
 def test_there_are_forty_and_more():

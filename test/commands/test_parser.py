@@ -38,9 +38,9 @@ def test_other_quantities_are_refused_in_words(kind, text):
 def test_negative_numbers_are_values():
     parser = Parser(prog="p")
     parser.add_argument("--to", nargs="+", type=units.length)
-    parser.add_argument("--seed", type=int)
-    found = parser.parse_args(["--to", "-1e-6", "-50nm", "3um", "--seed", "-2"])
-    assert found.to == pytest.approx([-1e-6, -5e-8, 3e-6]) and found.seed == -2
+    parser.add_argument("--shift", type=int)
+    found = parser.parse_args(["--to", "-1e-6", "-50nm", "3um", "--shift", "-2"])
+    assert found.to == pytest.approx([-1e-6, -5e-8, 3e-6]) and found.shift == -2
     assert not NEGATIVE.fullmatch("--to") and not NEGATIVE.fullmatch("-n") and not NEGATIVE.fullmatch("-1.csv")
 
 

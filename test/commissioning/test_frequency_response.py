@@ -121,6 +121,18 @@ def test_an_unstable_measured_loop_has_a_negative_gain_margin():
         assert measured_margins(loop).gain_dB == pytest.approx(20.0 * math.log10(200.0 / gain), abs=0.1)
 
 
+def test_a_file_that_is_cut_within_a_line_is_noticed(tmp_path, capsys):
+    path = tmp_path / "response.csv"
+    write_responses([modelled(0.003)], path)
+    lines = path.read_bytes().splitlines(keepends=True)
+    path.write_bytes(b"# made\n" + b"".join(lines[:20]) + b",".join(lines[20].split(b",")[:6]))
+    with pytest.raises(InputError, match="line 22: got '6 fields', expected 9 fields.*cut off"):
+        loop_shaping.read_response(path)
+    path.write_bytes(b"".join(lines[:20]) + lines[20].rstrip())
+    assert len(loop_shaping.read_response(path).frequency) == 20
+    assert "line 21: the last line is not closed" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("text, words", [("a,b\n1,2\n", "columns frequency_Hz"), ("frequency_Hz,magnitude,phase_deg\n1,2,3\n", "at least 8"),
                                          ("frequency_Hz,magnitude,phase_deg\n1,x,3\n", "row 1")])
 def test_a_bad_file_is_one_line(tmp_path, text, words):

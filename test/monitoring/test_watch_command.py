@@ -1,15 +1,19 @@
 """The watch from end to end on simulated records: silent on a healthy axis, an alarm where friction rises."""
 
+import dataclasses
 import json
 
+import numpy as np
 import pytest
 
 from microstage_ros.commands.__main__ import run
 from microstage_ros.diagnosis.validation.simulated_records import Hidden, make_case
 from microstage_ros.model.axis_file import load_axis
 from microstage_ros.monitoring.store import Store
+from microstage_ros.monitoring.traits import Machine
 from microstage_ros.places import config_file
-from microstage_ros.records import write_record
+from microstage_ros.quantities.errors import InputError
+from microstage_ros.records import read_record, write_record
 
 AXIS = str(config_file("axis.yaml"))
 
@@ -63,3 +67,20 @@ def test_bad_input_is_one_line_with_status_2(records, capsys, tmp_path):
         assert run("watch", ["--axis", AXIS, "--window", "5s", *arguments]) == 2
         said = capsys.readouterr().err
         assert words in said and len(said.strip().splitlines()) == 1
+
+
+def test_a_sensor_that_reads_in_few_rows_is_not_used_and_said_once(records, capsys):
+    """As in a lockstep cell, whose interferometer is read at every tenth period."""
+    whole = read_record(records["one"]).rows(0, 30_000)
+    few = np.where(np.arange(len(whole)) % 10, np.nan, whole["interferometer_m"])
+    sparse = dataclasses.replace(whole, columns={**whole.columns, "interferometer_m": few})
+    without = dataclasses.replace(whole, columns={n: v for n, v in whole.columns.items() if n != "interferometer_m"})
+    machine = Machine(load_axis(AXIS))
+    found = machine.traits(sparse)
+    assert machine.traits(whole) == machine.traits(sparse) == machine.traits(without) == found
+    said = capsys.readouterr().err.splitlines()
+    assert len(said) == 1 and "interferometer_m is not used" in said[0] and "10%" in said[0]
+    used = Machine(load_axis(AXIS))
+    assert used.traits(whole).keys() >= found.keys()
+    with pytest.raises(InputError, match="interferometer_m.*as in the first window"):
+        used.traits(sparse)

@@ -1,5 +1,7 @@
 """Bags of this project to records and back, joined by the number of the control period."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from bag_help import WORDS
@@ -10,6 +12,7 @@ from microstage_ros.records.bags.bag import Bag, BagWriter
 from microstage_ros.records.bags.bag_record import own_definition
 from microstage_ros.records.bags.definition import installed_definition
 from microstage_ros.records.bags.layout import layout_of_type
+from microstage_ros.records.checks import Bounds, check_record
 from microstage_ros.records.columns import RECORD_COLUMNS
 
 STATE, COMMAND = own_definition("AxisState"), own_definition("VoltageCommand")
@@ -100,6 +103,31 @@ def test_readings_without_a_number_go_by_their_stamp(tmp_path):
                                                      header__stamp__nanosec=sequence * 100_000 + 30_000)))
     read = read_record(tmp_path / "bag")["interferometer_m"]
     assert np.flatnonzero(~np.isnan(read)).tolist() == [2, 10] and read[10] == 50
+
+
+def test_a_stop_of_the_host_is_told_and_changes_neither_period_nor_rows(tmp_path):
+    """Stamps of the wall clock with jitter; the host stops for 45 s after 6000 of 14 000 periods of 100 us."""
+    reading, generator = own_definition("InterferometerReading"), np.random.default_rng(5)
+    numbers = np.arange(14_000)
+    stamps = numbers * 100_000 + generator.integers(0, 20_000, len(numbers)) + np.where(numbers > 6000, 45 * 10**9, 0)
+    with BagWriter(tmp_path / "bag") as bag:
+        for topic, definition, every, behind in (("state", STATE, 1, 0), ("interferometer", reading, 1000, 5000)):
+            channel, layout = bag.add_channel(f"/axis/{topic}", definition), layout_of_type(definition)
+            for n in numbers[::every].tolist():
+                sec, nanosec = divmod(int(stamps[n]) + behind, 10**9)
+                number = n if topic == "state" else 0
+                raw = layout.blank(sequence=number, header__stamp__sec=sec, header__stamp__nanosec=nanosec)
+                np.frombuffer(raw, layout.dtype, 1)["position"] = n
+                bag.write(channel, int(stamps[n]) + behind, bytes(raw))
+    record = read_record(tmp_path / "bag")
+    assert record.period_s == 1e-4 and len(record) == 14_000
+    read = record["interferometer_m"]
+    assert np.flatnonzero(np.isfinite(read)).tolist() == list(range(0, 14_000, 1000)) and read[9000] == 9000
+    (remark,) = record.remarks
+    assert "bag: 1 stop of the host for more than 10 periods, 45 s in all" in remark
+    encoder = dataclasses.replace(record, columns={"encoder_m": record["encoder_m"]})
+    said = check_record(encoder, Bounds(1.0, 1e6, 1.0, period_s=7e-5))
+    assert said[:2] == [remark, f"{record.source}: sampled every 0.0001 s, the axis every 7e-05 s"]
 
 
 def test_voltage_is_what_was_held(tmp_path):

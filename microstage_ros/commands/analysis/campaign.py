@@ -38,6 +38,7 @@ def main(argv=None):
     arguments = _parse(argv)
     examined = campaign.examinations(arguments.cases, arguments.seed, str(arguments.axis), arguments.kind,
                                      arguments.strength, arguments.effect, arguments.world, not arguments.no_baseline)
+    earlier = [outcome for path in arguments.earlier for outcome in earlier_outcomes(path)]
     outcomes = _resumed(arguments)
     finished = {outcome.number for outcome in outcomes}
     examined = [one for one in examined if one.number not in finished]
@@ -50,7 +51,7 @@ def main(argv=None):
             if arguments.verbose:
                 print(_line(outcome), flush=True)
     outcomes.sort(key=lambda outcome: outcome.number)
-    outcomes += [outcome for path in arguments.earlier for outcome in earlier_outcomes(path)]
+    outcomes += earlier
     counts, medians = campaign.scores(outcomes)
     _write_result(arguments, outcomes)
     if arguments.calibrate:
@@ -148,7 +149,10 @@ def _resumed(arguments):
 def earlier_outcomes(path, option="--from"):
     """Outcomes of an earlier campaign's JSON file. Raises `InputError` for a file that is none of this version."""
     try:
-        cases = json.loads(path.read_text(encoding="utf-8"))["cases"]
+        tree = json.loads(path.read_text(encoding="utf-8"))
+        cases = tree.get("cases") if isinstance(tree, dict) else None
+        if not isinstance(cases, list) or not all(isinstance(case, dict) for case in cases):
+            raise ValueError("no list of cases")
         fields = {field.name for field in dataclasses.fields(campaign.Outcome)}
         if any("stated" not in case for case in cases):
             raise ValueError("a case without stated, which earlier versions did not write")

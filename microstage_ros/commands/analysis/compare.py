@@ -149,6 +149,8 @@ def _parse(argv):
     check_documents(arguments.update)
     if arguments.opponents < 0:
         raise InputError("--opponents", arguments.opponents, "0 or more")
+    if arguments.found and not arguments.opponents:
+        raise InputError("--found", arguments.found, "--opponents N beside it: nothing else uses an earlier search")
     for name in ("seeds", "jobs"):
         value = getattr(arguments, name)
         if value is not None and value < 1:

@@ -8,6 +8,7 @@ import sys
 
 from microstage_ros.commands import answer
 from microstage_ros.commands.axis import warn
+from microstage_ros.commands.given_twice import refuse_given_twice
 from microstage_ros.commands.parser import Parser
 from microstage_ros.commands.progress import progress
 from microstage_ros.control.runs.components import component_records
@@ -61,7 +62,7 @@ def main(argv=None):
     for path in (*case.records, *case.holdout, *case.baseline):
         if not is_address(path) and not pathlib.Path(path).exists():
             raise missing(path, "a record: .mcap, bag folder, .csv[.gz|.xz]")
-    _refuse_double_use(case)
+    refuse_given_twice(RECORD=case.records, holdout=case.holdout, baseline=case.baseline)
     if isinstance(machine, CoarseFine):
         return _of_two(machine, case, arguments)
     warn(machine)
@@ -95,18 +96,6 @@ def _of_two(machine, case, arguments):
     write_text(summary, json.dumps(rows, indent=1, ensure_ascii=False) + "\n")
     answer.state(cases=rows, summary=str(summary))
     return 0
-
-
-def _refuse_double_use(case):
-    """A cause is judged on records that taught nothing, and thresholds come from an axis without it. Raises InputError
-    for a record given in two places."""
-    place = {}
-    for option, paths in (("RECORD", case.records), ("--holdout", case.holdout), ("--baseline", case.baseline)):
-        for path in paths:
-            name = path if is_address(path) else pathlib.Path(path).resolve()
-            if place.setdefault(name, option) != option:
-                raise InputError(f"{option} {path}", f"a record that is given as {place[name]} too",
-                                 "records to learn from, to judge on and of the healthy axis that are different ones")
 
 
 def _alone(case, jobs):

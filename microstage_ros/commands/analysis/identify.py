@@ -2,12 +2,14 @@
 
 import argparse
 import pathlib
+import sys
 
 import yaml
 
 from microstage_ros import __version__
 from microstage_ros.commands import answer
 from microstage_ros.commands.axis import read_axis
+from microstage_ros.commands.given_twice import refuse_given_twice
 from microstage_ros.commands.parser import Parser
 from microstage_ros.commands.progress import progress
 from microstage_ros.control.runs.components import component_records
@@ -67,6 +69,7 @@ def main(argv=None):
     for path in arguments.records:
         if not pathlib.Path(path).exists():
             raise missing(path, "a record: .mcap, bag folder, .csv[.gz|.xz]")
+    refuse_given_twice(RECORD=arguments.records)
     machine = load_machine(arguments.axis)
     if isinstance(machine, CoarseFine):
         return _of_two(machine, arguments, out)
@@ -143,9 +146,9 @@ def _taken(paths, axis, read, warnings, bar):
 
 
 def tell(result, out, warnings=()):
-    """Print the result in a few lines."""
+    """Print the result in a few lines, warnings on standard error."""
     for warning in warnings:
-        print(f"warning: {warning}")
+        print(f"warning: {warning}", file=sys.stderr)
     for estimate in result.estimates.values():
         if estimate.determined:
             print(f"  {estimate.key}: {in_words(estimate)}")

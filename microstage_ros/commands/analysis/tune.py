@@ -168,7 +168,11 @@ def _identified_running(arguments, axis):
         answer.state(error={"place": "tune --running", "says": str(failure)})
         print(failure, file=sys.stderr)
         return None
-    found = identify(iter([take_in(read_record(out / "bag"), axis)[0]]), axis, arguments.seed)
+    record, warnings = take_in(read_record(out / "bag"), axis)
+    for warning in warnings:
+        print(f"warning: {warning}", file=sys.stderr)
+    answer.state(warnings=[*answer.facts().get("warnings", []), *warnings])
+    found = identify(iter([record]), axis, arguments.seed)
     print(
         f"{out / 'bag'}: the record; "
         + ", ".join(

@@ -33,7 +33,10 @@ def main(argv=None):
         raise InputError("--rate", arguments.rate, "a number above 0")
     if not 0.0 <= arguments.delay < 3600.0:
         raise InputError("--delay", arguments.delay, "a time in s from 0 to 3600")
-    return _replay(Bag(arguments.bag), arguments)
+    bag = Bag(arguments.bag)
+    for remark in bag.remarks:
+        print(f"warning: {remark}", file=sys.stderr)
+    return _replay(bag, arguments)
 
 
 def _replay(bag, arguments):

@@ -7,6 +7,7 @@ filtered.
 
 import csv
 import math
+import sys
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,11 +34,20 @@ def read_response(path):
     """
     try:
         with open(path, newline="", encoding="utf-8") as file:
-            rows = list(csv.DictReader(line for line in file if not line.startswith("#")))
+            lines = [(number, line) for number, line in enumerate(file, 1) if line.strip() and line[0] != "#"]
+        rows = list(csv.DictReader(line for _, line in lines))
     except (OSError, UnicodeDecodeError) as error:
         raise unreadable(path, error, "a CSV of a frequency response") from None
     if not rows or any(name not in rows[0] for name in NEEDED):
         raise InputError(str(path), ", ".join(rows[0]) if rows else "no rows", "columns " + ", ".join(NEEDED))
+    for (number, _), row in zip(lines[1:], rows):
+        if None in row or None in row.values():  # as the reader marks fields too many and too few
+            fields = [value for name, value in row.items() if name is not None and value is not None]
+            raise InputError(f"{path}: line {number}", f"{len(fields) + len(row.get(None) or ())} fields",
+                             f"{len(lines[0][1].split(','))} fields, as in the header; is the file cut off?")
+    if not lines[-1][1].endswith(("\n", "\r")):
+        print(f"warning: {path}: line {lines[-1][0]}: the last line is not closed; is the file cut off?",
+              file=sys.stderr)
     rows = [row for row in rows if row.get("of", "plant") == "plant"]
     conditions = {row.get("condition", "") for row in rows}
     wanted = "sliding" if "sliding" in conditions else next(iter(conditions), "")

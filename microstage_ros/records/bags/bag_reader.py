@@ -91,6 +91,14 @@ class Bag:
         """Last log time [ns], None in an empty bag."""
         return max((chunk.end for source in self.sources for chunk in source.chunks), default=None)
 
+    @property
+    def remarks(self):
+        """What is to be said of a bag that was cut off, one sentence each."""
+        if not self.cut_off:
+            return ()
+        length = (self.end_ns - self.start_ns) * 1e-9 if self.start_ns is not None else 0.0
+        return (f"{self.path}: cut off after {length:.4g} s; `microstage recover {self.path}` makes it whole",)
+
     def read(self, topics=None, start=None, end=None):
         """Messages as arrays, log times ``start`` <= t < ``end`` [ns]; see `read_bag`."""
         wanted = self._wanted(topics)

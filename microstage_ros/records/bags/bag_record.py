@@ -45,6 +45,12 @@ ROWS_AT_ONCE = 5000
 PERIOD_TOLERANCE = 2e-3
 """How far the mean period of a clock may be from the nominal one, relative."""
 
+STRETCH, LEAST_STRETCHES = 100, 10
+"""Periods over which the jitter of stamps is averaged, and fewer where there would be less than so many stretches."""
+
+STOP = 10
+"""Periods beyond which time that is missing in the numbers is told: a stop of the host."""
+
 FIRST_ROWS = 10  # that may lack a reference while a cell starts
 LAST_ROWS = 1000
 """Rows that may lack a command where a recorder left a running cell: states come sooner than their answers."""
@@ -83,7 +89,8 @@ def bag_to_record(path, namespace=None):
     Returns
     -------
     Record : one row per control period; a period that a topic lacks is NaN.  If the driver was
-        activated several times, the longest of these runs.
+        activated several times, the longest of these runs. Its remarks tell of stops of the host, and
+        of a file that was cut off.
 
     Raises
     ------
@@ -101,6 +108,8 @@ def bag_to_record(path, namespace=None):
     if rows > MOST_ROWS:
         raise InputError(f"{path}: topic {prefix}state, field sequence", int(sequence.max()), "numbers that count on")
     period_s = _period(states)
+    if not period_s > 0.0:
+        raise InputError(f"{path}: topic {prefix}state, sequence and header.stamp", period_s, "numbers that count on")
     columns = {}
     for topic in present:
         messages = _within(arrays[prefix + topic], span)
@@ -116,7 +125,8 @@ def bag_to_record(path, namespace=None):
     names = {VOLTAGE.column: command.column, VOLTAGE.disturbance: command.disturbance}
     columns = {names.get(name, name): values for name, values in columns.items()}
     metadata = {name: metadata_value(text) for name, text in bag.custom_data.items()}
-    return Record(period_s, {"t_s": np.arange(rows) * period_s, **columns}, str(path), metadata)
+    remarks = (*bag.remarks, *(f"{path}: {sentence}" for sentence in _stops(states, period_s)))
+    return Record(period_s, {"t_s": np.arange(rows) * period_s, **columns}, str(path), metadata, remarks)
 
 
 def _where_commanded(columns, joined):
@@ -260,13 +270,36 @@ def _periods(messages, states, period_s):
     sequence = messages["sequence"].astype(np.int64)
     if len(sequence) < 2 or sequence.any():
         return sequence
-    since = (_stamps(messages) - _stamps(states)[0]) * 1e-9
-    return int(states["sequence"][0]) + np.floor(since / period_s + 1e-6).astype(np.int64)
+    numbers, stamps = _numbered(states)
+    before = np.clip(np.searchsorted(stamps, _stamps(messages), "right") - 1, 0, None)
+    since = np.floor((_stamps(messages) - stamps[before]) * 1e-9 / period_s + 1e-6).astype(np.int64)
+    until_next = np.append(np.diff(numbers), MOST_ROWS)
+    return numbers[before] + np.minimum(since, until_next[before] - 1)
+
+
+def _numbered(states):
+    """Numbers of the periods that have a state, rising, and the states' stamps [ns]."""
+    numbers, first = np.unique(states["sequence"].astype(np.int64), return_index=True)
+    return numbers, _stamps(states)[first]
 
 
 def _period(states):
-    """Mean control period [s] by the stamps."""
-    stamps = _stamps(states)
-    periods = int(states["sequence"][-1]) - int(states["sequence"][0])
-    period = float(stamps[-1] - stamps[0]) * 1e-9 / max(periods, 1)
+    """Control period [s] by the stamps: the median of the means over `STRETCH` periods, so that it does not hold the
+    time for which the host stopped."""
+    numbers, stamps = _numbered(states)
+    if len(numbers) < 2:
+        return 0.0
+    every = slice(None, None, max(min(STRETCH, (len(numbers) - 1) // LEAST_STRETCHES), 1))
+    period = float(np.median(np.diff(stamps[every]) / np.diff(numbers[every]))) * 1e-9
     return short_period(period, PERIOD_TOLERANCE * period)
+
+
+def _stops(states, period_s):
+    """What is to be said of times that passed between two states beyond their periods; [] where there are none."""
+    numbers, stamps = _numbered(states)
+    beyond = np.diff(stamps) * 1e-9 - np.diff(numbers) * period_s
+    stops = beyond[beyond > STOP * period_s]
+    if not len(stops):
+        return []
+    return [f"{len(stops)} {'stop' if len(stops) == 1 else 'stops'} of the host for more than {STOP} periods, "
+            f"{stops.sum():.3g} s in all, which the rows do not show"]
