@@ -157,3 +157,46 @@ def test_counts_need_counts_per_turn(tmp_path):
         read_log(path, described(position={"column": "x", "unit": "counts"}))
     log = read_log(path, described(position={"column": "x", "unit": "counts"}, counts_per_turn=10, lead={"value": 4, "unit": "mm"}))
     assert log.place_unit == "m" and log.signals["position"].max() == pytest.approx(4e-3, rel=1e-3)
+
+
+def test_a_cut_last_line_is_left_out_and_told(tmp_path):
+    path = write(tmp_path / "a.csv", "t,x,i", rows())
+    path.write_text(path.read_text().rstrip("\n").rpartition("\n")[0] + "\n1.9")
+    log = read_log(path, described())
+    assert len(log) == 199 and any("last line is cut (1 of 3 fields)" in n for n in log.notes)
+
+
+@pytest.mark.parametrize("hand", [False, True])
+@pytest.mark.parametrize("text, shown", [("nan", "no number"), ("", "no number"), ("Paused", "Paused")])
+def test_a_row_without_time_is_named(tmp_path, monkeypatch, hand, text, shown):
+    if hand:
+        monkeypatch.setattr("microstage_ros.records.logs.text_table.polars_or_none", lambda: None)
+    path = write(tmp_path / "a.csv", "t,x,i", rows())
+    lines = path.read_text().split("\n")
+    lines[50] = text + lines[50][lines[50].index(","):]
+    path.write_text("\n".join(lines))
+    with pytest.raises(InputError, match=f"a.csv: column [t1], row 50 of 200: got '{shown}'"):
+        read_log(path, described(time={"column": 1, "unit": "s"}) if hand else described())
+
+
+def test_a_bad_stamp_is_named(tmp_path):
+    stamps = [f"2024-05-01 12:00:{k:02d}" for k in range(50)]
+    stamps[20] = "later"
+    path = tmp_path / "a.csv"
+    path.write_text("t,x,i\n" + "".join(f"{stamp},{k},{k}\n" for k, stamp in enumerate(stamps)))
+    with pytest.raises(InputError, match="column t, row 21 of 50: got 'later'"):
+        read_log(path, described(time={"column": "t", "unit": "iso"}))
+
+
+@pytest.mark.parametrize("column, says", [(0, "column t: got 'a time that does not advance in 200 rows'"),
+                                          (2, "current: column i: got 'no number in 200 rows'")])
+def test_a_column_that_tells_nothing_is_named(tmp_path, column, says):
+    columns = list(rows())
+    columns[column] = np.full(200, 0.0 if column == 0 else np.nan)
+    with pytest.raises(InputError, match=says):
+        read_log(write(tmp_path / "a.csv", "t,x,i", columns), described())
+
+
+def test_one_row_is_too_few(tmp_path):
+    with pytest.raises(InputError, match="got '1 row', expected at least two rows"):
+        read_log(write(tmp_path / "a.csv", "t,x,i", [c[:1] for c in rows()]), described())

@@ -98,3 +98,13 @@ def test_wrong_words_are_one_line(machines, tmp_path, monkeypatch, words, says):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InputError, match=says):
         diagnose(["--log", "LOG.yaml", "--out", "out", *words])
+
+
+def test_a_bad_log_of_one_machine_is_told_in_its_own_words(tmp_path, machines, capsys):
+    file = tmp_path / "m0" / "now.csv"
+    lines = file.read_text().split("\n")
+    lines[30] = "nan" + lines[30][lines[30].index(","):]
+    file.write_text("\n".join(lines))
+    assert diagnose(["--log", str(tmp_path / "LOG.yaml"), "--out", str(tmp_path / "out"), "--each", machines[0]]) == 1
+    (row,) = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert row["error"].startswith(f"{file}: column t, row 30 of 2400: got 'no number'")
