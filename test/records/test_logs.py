@@ -6,6 +6,8 @@ import pytest
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.records.logs import read_log
 from microstage_ros.records.logs.description import description_of
+from microstage_ros.records.logs.log import read_table
+from microstage_ros.records.logs.propose import propose
 from microstage_ros.records.logs.units import known_unit
 
 BASIC = {"time": {"column": "t", "unit": "s"}, "position": {"column": "x", "unit": "mm"}, "current": {"column": "i", "unit": "A"}}
@@ -200,3 +202,21 @@ def test_a_column_that_tells_nothing_is_named(tmp_path, column, says):
 def test_one_row_is_too_few(tmp_path):
     with pytest.raises(InputError, match="got '1 row', expected at least two rows"):
         read_log(write(tmp_path / "a.csv", "t,x,i", [c[:1] for c in rows()]), described())
+
+
+@pytest.mark.parametrize("names, wanted", [
+    ("t_s,actuator_level,encoder_m,reference_m,voltage_V,current_A,interferometer_m,guideway_level",
+     {"time": "t_s s", "position": "encoder_m m", "reference": "reference_m m", "voltage": "voltage_V V", "current": "current_A A"}),
+    ("t_s,encoder_m,current_A,stage_velocity_m_s,actuator_level",
+     {"time": "t_s s", "position": "encoder_m m", "current": "current_A A", "velocity": "stage_velocity_m_s m/s"}),
+    ("status_flag,t_ms,travel,amplitude,activity,ActVelo,SetPos,ActPos,ActCurrent",
+     {"time": "t_ms ms", "velocity": "ActVelo mm/s", "reference": "SetPos mm", "position": "ActPos mm", "current": "ActCurrent A"}),
+    ("time,cmdpos,actpos,actvel,motorcurrent,poslag",
+     {"time": "time s", "reference": "cmdpos mm", "position": "actpos mm", "velocity": "actvel mm/s", "current": "motorcurrent A",
+      "following_error": "poslag mm"})])
+def test_names_are_matched_by_their_words_and_without_units(tmp_path, names, wanted):
+    t = np.arange(200) * 0.01
+    columns = [t if name in ("t_s", "t_ms", "time") else 10.0 * np.sin(t + k) for k, name in enumerate(names.split(","))]
+    tree = propose(read_table(write(tmp_path / "a.csv", names, columns))).tree
+    assert {key: f"{v['column']} {v['unit']}" for key, v in tree.items() if isinstance(v, dict)} == wanted
+    assert "sampling_hz" not in tree

@@ -18,6 +18,7 @@ from microstage_ros.records.logs.units import known_unit
 
 LOOK = 400                     # lines that are looked at to learn a file's form
 DECIMAL_COMMA = re.compile(r"^[+-]?\d+,\d+(?:[eE][+-]?\d+)?$")
+RATE = re.compile(r"_([a-zµ]+)_s$")        # a unit per second at the end of a name: stage_velocity_m_s
 NAME_WITH_UNIT = re.compile(r"^(.*?)\s*[\[(]\s*([^\])]+?)\s*[\])]\s*$")
 
 
@@ -168,6 +169,8 @@ def _names(rows, first, width):
         found = NAME_WITH_UNIT.match(name)
         if found and known_unit(found[2]):
             names[k], units[k] = found[1].strip(), found[2]
+        elif k not in units and (rate := RATE.search(name)) and known_unit(f"{rate[1]}/s"):
+            units[k] = f"{rate[1]}/s"
         elif "_" in name and k not in units and name.rsplit("_", 1)[1] and known_unit(name.rsplit("_", 1)[1]):
             if len(name.rsplit("_", 1)[1]) > 1 or name.rsplit("_", 1)[1] in ("s", "A", "V", "m", "N"):
                 units[k] = name.rsplit("_", 1)[1]
