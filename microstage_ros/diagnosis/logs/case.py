@@ -138,7 +138,8 @@ def prepare(baseline, now, description):
                 few[name] = (side, f"{good} rows with a value of the {name} ({channel.kind.replace('_', ' ')})")
         if name in few:
             del channels[name]
-            notes.append(f"Too few rows: {few[name][0].strip('-')} has {few[name][1]}; it is not compared.")
+            side = "the baseline has" if few[name][0] == "--baseline" else "the logs of now have"
+            notes.append(f"Too few rows: {side} {few[name][1]}, which is not compared.")
         else:
             channel_module.fit_models(channel, groups["baseline"])
     if not channels and few:

@@ -155,17 +155,17 @@ def _quantity(entry, name, place):
     )
 
 
-def separator_of(value, place):
-    """The character that ``value`` is or names; empty where it is to be found. Raises InputError."""
+def separator_of(text, place):
+    """The character that ``text`` is or names; empty where it is to be found. Raises InputError."""
     named = {"tab": "\t", "comma": ",", "semicolon": ";", "blank": " ", "blanks": " ", "\\t": "\t"}
-    found = named.get(value, value) if isinstance(value, str) else value
+    found = named.get(text, text) if isinstance(text, str) else text
     if not isinstance(found, str) or len(found) > 1 or found in ('"', "\n", "\r") or not found.isascii():
-        raise InputError(place, value, "one character, or tab, comma, semicolon, blanks")
+        raise InputError(place, text, "one character, or tab, comma, semicolon, blanks")
     return found
 
 
 def skip_rows_of(value, place):
-    """The number of lines before the header [1], or None where it is to be found. Raises InputError."""
+    """``value``, the number of lines before the header [1], or None where it is to be found. Raises InputError."""
     if value is not None and (isinstance(value, bool) or not isinstance(value, int) or value < 0):
         raise InputError(place, value, "the number of lines before the header, 0 or more")
     return value
