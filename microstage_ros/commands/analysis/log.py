@@ -74,6 +74,8 @@ def _look(arguments):
 
     shown = LogDescription(arguments.file, {}, {}, separator=arguments.separator, skip_rows=arguments.skip_rows)
     table = read_table(arguments.file, shown)
+    if table.rows < 2:
+        raise InputError(arguments.file, f"{table.rows} row", "at least two rows")
     found = propose(table)
     odd = oddities(table, found.tree)
     text = as_yaml(found, arguments)

@@ -66,7 +66,7 @@ def propose(table):
     """`Proposal` for a `Table`."""
     tree: dict[str, dict | list] = {}
     reasons, used = {}, set()
-    numeric = {name: v for name, v in table.columns.items() if getattr(v.dtype, "kind", "") == "f"}
+    numeric = {name: v for name, v in table.columns.items() if v.dtype.kind == "f" and np.isfinite(v).any()}
     for quantity, pattern in NAMES:
         found = next(
             (

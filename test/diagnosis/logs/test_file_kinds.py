@@ -194,3 +194,13 @@ def test_a_named_separator_is_written_as_its_character(tmp_path):
     (tmp_path / "now.txt").write_text("t\tx\ti\n" + "".join(f"{0.1 * k}\t{k}\t{k % 3}\n" for k in range(50)))
     assert log([str(tmp_path / "now.txt"), "--separator", "tab", "--out", str(tmp_path / "first")]) == 0
     assert load_description(tmp_path / "first" / "LOG.yaml").separator == "\t"
+
+
+def test_one_row_is_refused_and_an_empty_column_is_not_proposed(tmp_path, recwarn):
+    (tmp_path / "one.csv").write_text("t,x,i\n0,1,2\n")
+    with pytest.raises(InputError, match="got '1 row', expected at least two rows"):
+        log([str(tmp_path / "one.csv")])
+    (tmp_path / "now.csv").write_text("t,x,i\n" + "".join(f"{0.1 * k},{k},nan\n" for k in range(50)))
+    assert log([str(tmp_path / "now.csv"), "--out", str(tmp_path / "first")]) == 0
+    assert "current:" not in (tmp_path / "first" / "LOG.yaml").read_text()
+    assert not [w for w in recwarn if issubclass(w.category, RuntimeWarning)]
