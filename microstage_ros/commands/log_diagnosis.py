@@ -14,6 +14,7 @@ from microstage_ros.diagnosis.logs.case import diagnose_logs
 from microstage_ros.diagnosis.logs.report.page import headline
 from microstage_ros.diagnosis.logs.report.answer import write_log_answer
 from microstage_ros.diagnosis.logs.report.trend import diagnose_over_time, write_trend
+from microstage_ros.diagnosis.logs.selection.verdict import FEW_REPEATED
 from microstage_ros.files import keep_earlier, missing, write_text
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.records.logs import load_description, read_log
@@ -143,6 +144,9 @@ def tell(report, folder):
         print(f"  {cause['id']}: {cause['sentence']} ({cause['share']:.0%} of what stood out)")
     for rivals in report["rivals"]:
         print(f"  open: {' or '.join(rivals['ids'])}; this would decide: {rivals['experiment']}")
+    for note in report["notes"]:
+        if note.startswith(FEW_REPEATED):
+            print(f"  {note}")
     if report["not_visible"]:
         print(f"  not visible in these signals: {', '.join(report['not_visible'])}")
     print(f"  {pathlib.Path(folder) / 'report.html'}")

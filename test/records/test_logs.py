@@ -6,6 +6,8 @@ import pytest
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.records.logs import read_log
 from microstage_ros.records.logs.description import description_of
+from microstage_ros.records.logs.log import read_table
+from microstage_ros.records.logs.propose import propose
 from microstage_ros.records.logs.units import known_unit
 
 BASIC = {"time": {"column": "t", "unit": "s"}, "position": {"column": "x", "unit": "mm"}, "current": {"column": "i", "unit": "A"}}
@@ -157,3 +159,64 @@ def test_counts_need_counts_per_turn(tmp_path):
         read_log(path, described(position={"column": "x", "unit": "counts"}))
     log = read_log(path, described(position={"column": "x", "unit": "counts"}, counts_per_turn=10, lead={"value": 4, "unit": "mm"}))
     assert log.place_unit == "m" and log.signals["position"].max() == pytest.approx(4e-3, rel=1e-3)
+
+
+def test_a_cut_last_line_is_left_out_and_told(tmp_path):
+    path = write(tmp_path / "a.csv", "t,x,i", rows())
+    path.write_text(path.read_text().rstrip("\n").rpartition("\n")[0] + "\n1.9")
+    log = read_log(path, described())
+    assert len(log) == 199 and any("last line is cut (1 of 3 fields)" in n for n in log.notes)
+
+
+@pytest.mark.parametrize("hand", [False, True])
+@pytest.mark.parametrize("text, shown", [("nan", "no number"), ("", "no number"), ("Paused", "Paused")])
+def test_a_row_without_time_is_named(tmp_path, monkeypatch, hand, text, shown):
+    if hand:
+        monkeypatch.setattr("microstage_ros.records.logs.text_table.polars_or_none", lambda: None)
+    path = write(tmp_path / "a.csv", "t,x,i", rows())
+    lines = path.read_text().split("\n")
+    lines[50] = text + lines[50][lines[50].index(","):]
+    path.write_text("\n".join(lines))
+    with pytest.raises(InputError, match=f"a.csv: column [t1], row 50 of 200: got '{shown}'"):
+        read_log(path, described(time={"column": 1, "unit": "s"}) if hand else described())
+
+
+def test_a_bad_stamp_is_named(tmp_path):
+    stamps = [f"2024-05-01 12:00:{k:02d}" for k in range(50)]
+    stamps[20] = "later"
+    path = tmp_path / "a.csv"
+    path.write_text("t,x,i\n" + "".join(f"{stamp},{k},{k}\n" for k, stamp in enumerate(stamps)))
+    with pytest.raises(InputError, match="column t, row 21 of 50: got 'later'"):
+        read_log(path, described(time={"column": "t", "unit": "iso"}))
+
+
+@pytest.mark.parametrize("column, says", [(0, "column t: got 'a time that does not advance in 200 rows'"),
+                                          (2, "current: column i: got 'no number in 200 rows'")])
+def test_a_column_that_tells_nothing_is_named(tmp_path, column, says):
+    columns = list(rows())
+    columns[column] = np.full(200, 0.0 if column == 0 else np.nan)
+    with pytest.raises(InputError, match=says):
+        read_log(write(tmp_path / "a.csv", "t,x,i", columns), described())
+
+
+def test_one_row_is_too_few(tmp_path):
+    with pytest.raises(InputError, match="got '1 row', expected at least two rows"):
+        read_log(write(tmp_path / "a.csv", "t,x,i", [c[:1] for c in rows()]), described())
+
+
+@pytest.mark.parametrize("names, wanted", [
+    ("t_s,actuator_level,encoder_m,reference_m,voltage_V,current_A,interferometer_m,guideway_level",
+     {"time": "t_s s", "position": "encoder_m m", "reference": "reference_m m", "voltage": "voltage_V V", "current": "current_A A"}),
+    ("t_s,encoder_m,current_A,stage_velocity_m_s,actuator_level",
+     {"time": "t_s s", "position": "encoder_m m", "current": "current_A A", "velocity": "stage_velocity_m_s m/s"}),
+    ("status_flag,t_ms,travel,amplitude,activity,ActVelo,SetPos,ActPos,ActCurrent",
+     {"time": "t_ms ms", "velocity": "ActVelo mm/s", "reference": "SetPos mm", "position": "ActPos mm", "current": "ActCurrent A"}),
+    ("time,cmdpos,actpos,actvel,motorcurrent,poslag",
+     {"time": "time s", "reference": "cmdpos mm", "position": "actpos mm", "velocity": "actvel mm/s", "current": "motorcurrent A",
+      "following_error": "poslag mm"})])
+def test_names_are_matched_by_their_words_and_without_units(tmp_path, names, wanted):
+    t = np.arange(200) * 0.01
+    columns = [t if name in ("t_s", "t_ms", "time") else 10.0 * np.sin(t + k) for k, name in enumerate(names.split(","))]
+    tree = propose(read_table(write(tmp_path / "a.csv", names, columns))).tree
+    assert {key: f"{v['column']} {v['unit']}" for key, v in tree.items() if isinstance(v, dict)} == wanted
+    assert "sampling_hz" not in tree

@@ -2,6 +2,7 @@
 machines."""
 
 import argparse
+import math
 import pathlib
 
 import numpy as np
@@ -13,7 +14,7 @@ from microstage_ros.commands.progress import progress
 from microstage_ros.diagnosis.logs.preprocessing.motion import STATES, motion_of, tops
 from microstage_ros.files import complete_folder, keep_earlier, write_text
 from microstage_ros.quantities.errors import InputError
-from microstage_ros.records.logs.description import description_of
+from microstage_ros.records.logs.description import description_of, separator_of, skip_rows_of
 from microstage_ros.records.logs.log import read_log, read_table
 from microstage_ros.records.logs.propose import oddities, propose
 from microstage_ros.report.page import Page
@@ -55,6 +56,8 @@ def main(argv=None):
     parser.add_force()
     arguments = parser.parse_args(argv)
     if arguments.examine is not None:
+        if arguments.file:
+            raise InputError("FILE", arguments.file, "no file together with --examine, which simulates its machines")
         return _examine(arguments)
     if not arguments.file:
         raise InputError("FILE", None, "a log to look at, or --examine N")
@@ -63,12 +66,16 @@ def main(argv=None):
 
 def _look(arguments):
     """Propose a LOG.yaml for one file."""
+    arguments.separator = separator_of(arguments.separator, "--separator")
+    skip_rows_of(arguments.skip_rows, "--skip-rows")
     if arguments.out:
         keep_earlier("--out", [pathlib.Path(arguments.out) / "LOG.yaml"], arguments.force)
     from microstage_ros.records.logs.description import LogDescription
 
     shown = LogDescription(arguments.file, {}, {}, separator=arguments.separator, skip_rows=arguments.skip_rows)
     table = read_table(arguments.file, shown)
+    if table.rows < 2:
+        raise InputError(arguments.file, f"{table.rows} row", "at least two rows")
     found = propose(table)
     odd = oddities(table, found.tree)
     text = as_yaml(found, arguments)
@@ -179,6 +186,10 @@ def _examine(arguments):
 
     if arguments.examine < 1:
         raise InputError("--examine", arguments.examine, "1 case or more")
+    if arguments.seed < 0:
+        raise InputError("--seed", arguments.seed, "a whole number of 0 or more")
+    if not (math.isfinite(arguments.strength) and arguments.strength > 0.0):
+        raise InputError("--strength", arguments.strength, "a finite number above 0")
     if arguments.effect and arguments.effect not in log_campaign.EFFECTS:
         raise InputError("--effect", arguments.effect, "one of " + ", ".join(log_campaign.EFFECTS))
     if arguments.out:

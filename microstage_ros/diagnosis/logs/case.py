@@ -13,7 +13,7 @@ from microstage_ros.diagnosis.logs.preprocessing.turn import turn_of
 from microstage_ros.diagnosis.logs.selection.verdict import answer
 from microstage_ros.quantities.errors import InputError
 
-LEAST_ROWS = 40            # samples of a channel in the baseline
+LEAST_ROWS = 40            # samples of a channel in the baseline, and in the logs of now
 
 
 def diagnose_logs(baseline, now, description, seed=0):
@@ -130,12 +130,20 @@ def prepare(baseline, now, description):
             notes += [f"{log.source}: {note}" for note in (*log.notes, regrouped) if note]
         groups[name] = rows
     channels = {c.name: c for c in channel_module.channels_of(baseline[0])}
+    few = {}
     for name, channel in list(channels.items()):
-        good = sum(int(np.isfinite(channel.values(rows)).sum()) for rows in groups["baseline"])
-        if good < LEAST_ROWS:
+        for side, given in (("records", "now"), ("--baseline", "baseline")):
+            good = sum(int(np.isfinite(channel.values(rows)).sum()) for rows in groups[given])
+            if good < LEAST_ROWS:
+                few[name] = (side, f"{good} rows with a value of the {name} ({channel.kind.replace('_', ' ')})")
+        if name in few:
             del channels[name]
+            side = "the baseline has" if few[name][0] == "--baseline" else "the logs of now have"
+            notes.append(f"Too few rows: {side} {few[name][1]}, which is not compared.")
         else:
             channel_module.fit_models(channel, groups["baseline"])
+    if not channels and few:
+        raise InputError(*next(iter(few.values())), f"{LEAST_ROWS} rows or more")
     if not channels:
         raise InputError(
             "--baseline",

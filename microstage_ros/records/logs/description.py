@@ -155,19 +155,28 @@ def _quantity(entry, name, place):
     )
 
 
+def separator_of(text, place):
+    """The character that ``text`` is or names; empty where it is to be found. Raises InputError."""
+    named = {"tab": "\t", "comma": ",", "semicolon": ";", "blank": " ", "blanks": " ", "\\t": "\t"}
+    found = named.get(text, text) if isinstance(text, str) else text
+    if not isinstance(found, str) or len(found) > 1 or found in ('"', "\n", "\r") or not found.isascii():
+        raise InputError(place, text, "one character, or tab, comma, semicolon, blanks")
+    return found
+
+
+def skip_rows_of(value, place):
+    """``value``, the number of lines before the header [1], or None where it is to be found. Raises InputError."""
+    if value is not None and (isinstance(value, bool) or not isinstance(value, int) or value < 0):
+        raise InputError(place, value, "the number of lines before the header, 0 or more")
+    return value
+
+
 def _options(options, place):
     kind = options.get("format", "")
     if kind and kind not in FORMATS:
         raise InputError(f"{place}: format", kind, "one of " + ", ".join(FORMATS))
-    separator = options.get("separator", "")
-    named = {"tab": "\t", "comma": ",", "semicolon": ";", "blank": " ", "blanks": " ", "\\t": "\t"}
-    separator = named.get(separator, separator)
-    if not isinstance(separator, str) or len(separator) > 1:
-        raise InputError(f"{place}: separator", separator, "one character, or tab, comma, semicolon, blanks")
-    checked = {"format": kind, "separator": separator}
-    rows = options.get("skip_rows")
-    if rows is not None and (isinstance(rows, bool) or not isinstance(rows, int) or rows < 0):
-        raise InputError(f"{place}: skip_rows", rows, "the number of lines before the header, 0 or more")
+    checked = {"format": kind, "separator": separator_of(options.get("separator", ""), f"{place}: separator")}
+    rows = skip_rows_of(options.get("skip_rows"), f"{place}: skip_rows")
     rate = options.get("sampling_hz")
     if rate is not None and not _number(rate, f"{place}: sampling_hz") > 0.0:
         raise InputError(f"{place}: sampling_hz", rate, "a rate above 0 Hz")

@@ -80,7 +80,7 @@ def read_log(path, description: LogDescription):
     """
     table = read_table(path, description)
     notes = [*table.notes]
-    time = _time(table, description, path)
+    time = _checked_time(table, description, path)
     signals, unit, notes_q = _signals(table, description, path)
     piece, kept, more = quality.pieces_of(time, description.cycle_restarts)
     if len(time) and piece[-1] + 1 > 0.3 * len(time):
@@ -138,6 +138,25 @@ def read_log(path, description: LogDescription):
     return log
 
 
+def _checked_time(table, description, path):
+    """Time of every row, shape (n,) [s]. Raises InputError where a row has none or where it stands still."""
+    time = _time(table, description, path)
+    entry = description.quantities.get("time")
+    name = entry.column if entry else "time"
+    missing = np.flatnonzero(~np.isfinite(time))
+    if len(missing):
+        row = int(missing[0]) + 1
+        known, text = table.no_number.get(_name_of(table, name), (0, ""))
+        raise InputError(f"{path}: column {name}, row {row} of {len(time)}", text if known == row else "no number",
+                         "a time in every row; correct or remove the row")
+    if len(time) < 2:
+        raise InputError(path, f"{len(time)} row", "at least two rows with advancing time")
+    if not (np.diff(time) > 0.0).any():
+        raise InputError(f"{path}: column {name}", f"a time that does not advance in {len(time)} rows",
+                         "time that advances; see time.column and time.unit")
+    return time
+
+
 def _time(table, description, path):
     entry = description.quantities.get("time")
     if entry is None:
@@ -148,14 +167,17 @@ def _time(table, description, path):
         raise InputError(f"{path}: time", None, "an entry time or sampling_hz in LOG.yaml")
     values = column_of(table, entry.column, path, "time")
     if values.dtype.kind != "f":
+        plain = [text.strip().rstrip("Z").replace(" ", "T") for text in values]
         try:
-            stamps = np.array(
-                [text.strip().rstrip("Z").replace(" ", "T") for text in values], dtype="datetime64[ns]"
-            ).astype(np.int64)
-        except ValueError as error:
-            raise InputError(
-                f"{path}: column {entry.column}", str(error)[:60], "stamps such as 2024-05-01 12:00:00.123"
-            ) from None
+            stamps = np.array(plain, dtype="datetime64[ns]")
+        except ValueError:
+            stamps = np.array([_stamp(text) for text in plain])
+        wrong = np.flatnonzero(np.isnat(stamps))
+        if len(wrong):
+            row = int(wrong[0])
+            raise InputError(f"{path}: column {entry.column}, row {row + 1} of {len(values)}", str(values[row])[:60],
+                             "a stamp such as 2024-05-01 12:00:00.123")
+        stamps = stamps.astype(np.int64)
         return (stamps - stamps[0]) * 1e-9
     first = values[np.isfinite(values)][:1]
     if not len(first):
@@ -163,20 +185,30 @@ def _time(table, description, path):
     return (values - first[0]) * entry.factor
 
 
-def column_of(table, name, path, place):
-    """A column by name (exact, else without regard to case and blanks) or number. Raises InputError with what there
-    is."""
+def _stamp(text):
+    try:
+        return np.datetime64(text, "ns")
+    except ValueError:
+        return np.datetime64("NaT", "ns")
+
+
+def _name_of(table, name):
+    """Name in the table of a column given by name (exact, else but for case and blanks) or number, or None."""
     names = list(table.columns)
     if isinstance(name, int):
-        if name > len(names):
-            raise InputError(f"{path}: {place}", name, f"a column number of 1 … {len(names)}")
-        return table.columns[names[name - 1]]
-    if name in table.columns:
-        return table.columns[name]
+        return names[name - 1] if name <= len(names) else None
     plain = {"".join(n.lower().split()): n for n in reversed(names)}
-    found = plain.get("".join(str(name).lower().split()))
+    return name if name in table.columns else plain.get("".join(str(name).lower().split()))
+
+
+def column_of(table, name, path, place):
+    """A column by name or number, see `_name_of`. Raises InputError with what there is."""
+    found = _name_of(table, name)
     if found is None:
-        raise InputError(f"{path}: {place}", name, "a column of the file: " + ", ".join(names[:30]))
+        names = list(table.columns)
+        right = (f"a column number of 1 … {len(names)}" if isinstance(name, int)
+                 else "a column of the file: " + ", ".join(names[:30]))
+        raise InputError(f"{path}: {place}", name, right)
     return table.columns[found]
 
 
@@ -189,6 +221,8 @@ def _signals(table, description, path):
         raw = column_of(table, entry.column, path, name)
         if raw.dtype.kind != "f":
             raise InputError(f"{path}: {name}: column {entry.column}", str(raw[0])[:30], "numbers")
+        if not np.isfinite(raw).any():
+            raise InputError(f"{path}: {name}: column {entry.column}", f"no number in {len(raw)} rows", "numbers")
         factor, unit = entry.factor, SI[entry.dimension]
         if entry.dimension in ("counts", "count rate"):
             if "counts_per_turn" not in description.facts:

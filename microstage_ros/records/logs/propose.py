@@ -13,29 +13,35 @@ from microstage_ros.records.logs import quality
 from microstage_ros.records.logs.description import QUANTITIES
 from microstage_ros.records.logs.units import known_unit
 
-#: Quantity → pattern of column names, in the order in which they are tried.
+VELOCITY = r"(?<![a-z])vel|act(ual)?vel|speed|rpm|drehzahl"     # not the end of "level", "travel"
+#: Quantity → pattern of column names, in the order in which they are tried. Names are those of `_words`: capitals
+#: within a name begin a word, all is in lower case.
 NAMES = (
     ("time", r"(^|[._/])(time|t|timestamp|stamp|zeit|seconds)$|^time\b|_time$"),
     (
         "following_error",
         r"(following|f|pos|position|tracking|lag|contour).{0,3}(error|err|diff|dev)|ferror|f-error|posdiff|schlepp"
-        r"|^error$|lag$",
+        r"|^error$|(?<![a-z])lag$|(pos|following)lag$",
     ),
     (
         "reference_velocity",
         r"(ref|set|cmd|command|target|demand|desired).{0,12}(vel|speed|velo)"
         r"|(vel|speed|velo)\w*.{0,3}(ref|set|cmd|command|demand)",
     ),
-    ("velocity", r"vel|speed|rpm|drehzahl"),
+    ("velocity", VELOCITY),
     (
         "reference",
-        r"set.?p|reference|(?<![a-z])ref|pos.?ref|input_pos|control.?pos|cmd|command"
+        r"(?<![a-z])set.?p|reference|(?<![a-z])ref|pos.?ref|input_pos|control.?pos|cmd|command"
         r"|target|demand|soll|desired",
     ),
-    ("position", r"pos|actual|\bact|feedback|\bfb|encoder|\benc|rbv\b|\bist\b|^x$|angle"),
-    ("current", r"curr|(?<![a-z])iq(?![a-z])|^i$|strom|\bamp|(?<![._]d)_a$|:cur"),
-    ("torque", r"torq|moment|effort"),
-    ("force", r"force|kraft"),
+    (
+        "position",
+        r"(?<![a-z])pos(?!t|sib)|pos(ition)?\d*$|actual|(?<![a-z])act(?!uator|i)|feedback|\bfb|encoder|\benc|rbv\b"
+        r"|\bist\b|^x$|(?<![a-z])angle",
+    ),
+    ("current", r"(?<![ce])curr|(?<=[ap]e)curr|(?<![a-z])iq(?![a-z])|^i$|strom|\bamp(?!l)|(?<![._]d)_a$|:cur"),
+    ("torque", r"torq|moment(?!a)|effort"),
+    ("force", r"force(?!d)|kraft"),
     ("voltage", r"volt|^u$|_v$"),
 )
 RUNS, CONDITIONS = r"^(run|repeat|repetition|cycle|trial)s?$", r"^(load|profile|payload|recipe|program|gear|mode)$"
@@ -60,14 +66,14 @@ def propose(table):
     """`Proposal` for a `Table`."""
     tree: dict[str, dict | list] = {}
     reasons, used = {}, set()
-    numeric = {name: v for name, v in table.columns.items() if getattr(v.dtype, "kind", "") == "f"}
+    numeric = {name: v for name, v in table.columns.items() if v.dtype.kind == "f" and np.isfinite(v).any()}
     for quantity, pattern in NAMES:
         found = next(
             (
                 n
                 for n in table.columns
                 if n not in used
-                and re.search(pattern, n.lower())
+                and _matches(pattern, n, table)
                 and (n in numeric or quantity == "time")
                 and _may_be(quantity, n, table)
             ),
@@ -88,13 +94,25 @@ def propose(table):
     return Proposal(tree, reasons, missing, [n for n in table.columns if n not in used], table.kind, table.rows)
 
 
+def _words(name):
+    """The name in lower case, with ``_`` where a capital begins a word within it."""
+    return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name).lower()
+
+
+def _matches(pattern, name, table):
+    """Whether a column's name fits a pattern: as it stands, by its words, or without a unit at its end."""
+    suffix = "_" + str(table.units.get(name, "")).replace("/", "_")
+    bare = name.removesuffix(suffix) or name
+    return any(re.search(pattern, text) for text in (_words(name), _words(bare)))
+
+
 def _may_be(quantity, name, table):
     """Whether the unit that the file tells, or a plainer word in the name, allows this quantity."""
     declared = known_unit(table.units.get(name, "")) if table.units.get(name) else None
     if declared is not None and declared[0] not in QUANTITIES[quantity]:
         return False
-    other = r"torq|curr|volt|force|veloc|speed|\brpm\b|(?<![a-z])i[dq](?![a-z])"
-    return quantity not in ("reference", "position") or not re.search(other, name.lower())
+    other = r"torq|curr|volt|force|veloc|speed|\brpm\b|(?<![a-z])(vel|i[dq])(?![a-z])"
+    return quantity not in ("reference", "position") or not re.search(other, _words(name))
 
 
 def _unit(quantity, name, table, reasons):
@@ -116,7 +134,7 @@ def _unit(quantity, name, table, reasons):
     turning = [
         float(np.nanmedian(np.abs(v)))
         for n, v in table.columns.items()
-        if v.dtype.kind == "f" and re.search(r"vel|speed", n.lower())
+        if v.dtype.kind == "f" and re.search(VELOCITY, _words(n))
     ]
     if any(re.search(TURNS, n.lower()) for n in table.columns):
         unit = "turn"

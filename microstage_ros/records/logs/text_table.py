@@ -18,6 +18,7 @@ from microstage_ros.records.logs.units import known_unit
 
 LOOK = 400                     # lines that are looked at to learn a file's form
 DECIMAL_COMMA = re.compile(r"^[+-]?\d+,\d+(?:[eE][+-]?\d+)?$")
+RATE = re.compile(r"_([a-zµ]+)_s$")        # a unit per second at the end of a name: stage_velocity_m_s
 NAME_WITH_UNIT = re.compile(r"^(.*?)\s*[\[(]\s*([^\])]+?)\s*[\])]\s*$")
 
 
@@ -27,6 +28,7 @@ class Table:
 
     ``units``: what the file itself says of a column's unit. ``sampling_s``: period that the file states, or None.
     ``notes``: what a reader should know of how it was read. ``kind``: the sort of file that was recognised.
+    ``no_number``: column of numbers → (row counted from 1, text) of its first field that holds none.
     """
 
     columns: dict
@@ -34,6 +36,7 @@ class Table:
     kind: str
     sampling_s: float | None = None
     notes: list = dataclasses.field(default_factory=list)
+    no_number: dict = dataclasses.field(default_factory=dict)
 
     @property
     def rows(self):
@@ -113,7 +116,7 @@ def parse(text, path, separator="", skip_rows=None):
                          f" (separator {separator!r})")
     names, units = _names(rows, first, width)
     body_line = rows[first][0]
-    columns, notes = _columns(text, body_line, width, separator, path)
+    columns, notes, no_number = _columns(text, body_line, width, separator, path)
     if (
         width
         and not names[-1]
@@ -130,6 +133,7 @@ def parse(text, path, separator="", skip_rows=None):
         "text",
         None,
         notes,
+        {unique[k]: found for k, found in no_number.items() if k < len(unique)},
     )
 
 
@@ -165,6 +169,8 @@ def _names(rows, first, width):
         found = NAME_WITH_UNIT.match(name)
         if found and known_unit(found[2]):
             names[k], units[k] = found[1].strip(), found[2]
+        elif k not in units and (rate := RATE.search(name)) and known_unit(f"{rate[1]}/s"):
+            units[k] = f"{rate[1]}/s"
         elif "_" in name and k not in units and name.rsplit("_", 1)[1] and known_unit(name.rsplit("_", 1)[1]):
             if len(name.rsplit("_", 1)[1]) > 1 or name.rsplit("_", 1)[1] in ("s", "A", "V", "m", "N"):
                 units[k] = name.rsplit("_", 1)[1]
@@ -174,12 +180,12 @@ def _names(rows, first, width):
 
 
 def _columns(text, body_line, width, separator, path):
-    """All columns below line ``body_line``, and notes on rows that were left out."""
+    """All columns below line ``body_line``, notes on what was left out, and the first field of each column of numbers
+    that holds none."""
     start = 0
     for _ in range(body_line):
         start = text.find("\n", start) + 1
-    body = text[start:].rstrip("\n") + "\n"
-    notes = []
+    body, notes = _without_cut_line(text[start:].rstrip("\n"), width, separator)
     if separator == " ":
         body = re.sub(r"[ \t]+", " ", body)
         body = "\n".join(line.strip() for line in body.split("\n"))
@@ -187,17 +193,26 @@ def _columns(text, body_line, width, separator, path):
     if separator != "," and re.search(r"(?:^|[\n\t; ])[+-]?\d+,\d+", sample):
         body = re.sub(r"(\d),(\d)", r"\1.\2", body)
     polars = polars_or_none()
-    columns = None
+    columns, no_number = None, {}
     if polars is not None:
-        columns = _by_polars(polars, body, width, separator, notes)
+        columns = _by_polars(polars, body, width, separator, notes, no_number)
     if columns is None:
-        columns = _by_hand(body, width, separator, notes)
+        columns = _by_hand(body, width, separator, notes, no_number)
     if not len(columns) or not len(columns[0]):
         raise InputError(path, "no rows", "rows of numbers")
-    return columns, notes
+    return columns, notes, no_number
 
 
-def _by_polars(polars, body, width, separator, notes):
+def _without_cut_line(body, width, separator):
+    """The body with a line feed at its end, less a last line of fewer fields than the others, and notes on that."""
+    above, _, last = body.rpartition("\n")
+    found = len(fields_of(last.strip() if separator == " " else last, separator))
+    if not above or found >= width:
+        return body + "\n", []
+    return above + "\n", [f"the last line is cut ({found} of {width} fields) and left out"]
+
+
+def _by_polars(polars, body, width, separator, notes, no_number):
     names = [str(k) for k in range(width)]
     try:
         table = polars.read_csv(io.BytesIO(body.encode()), has_header=False, separator=separator, infer_schema=False,
@@ -210,25 +225,29 @@ def _by_polars(polars, body, width, separator, notes):
     for name in names:
         text = table[name].fill_null("").str.strip_chars()
         values = text.cast(polars.Float64, strict=False)
-        bad = int((values.is_null() & (text != "")).sum())
+        wrong = values.is_null() & (text != "")
+        bad = int(wrong.sum())
         if bad > 0.5 * len(text):
             columns.append(np.asarray(text.to_list(), dtype=str))
             continue
         if bad:
             notes.append(f"{bad} fields of column {int(name) + 1} hold no number and count as missing")
+            no_number[int(name)] = (int(wrong.arg_max()) + 1, text[int(wrong.arg_max())])
         columns.append(values.fill_null(np.nan).to_numpy().astype(float))
     return columns
 
 
-def _by_hand(body, width, separator, notes):
+def _by_hand(body, width, separator, notes, no_number):
     rows = [fields_of(line, separator) for line in body.split("\n") if line.strip() and not line.startswith("#")]
     whole = [row for row in rows if len(row) == width]
     if len(whole) < len(rows):
         notes.append(f"{len(rows) - len(whole)} lines with another number of fields are left out")
     columns = []
-    for texts in zip(*whole):
+    for k, texts in enumerate(zip(*whole)):
         values = [number_of(t) if t else np.nan for t in texts]
         bad = sum(v is None for v in values)
+        if bad and bad <= 0.5 * len(texts):
+            no_number[k] = (values.index(None) + 1, texts[values.index(None)])
         columns.append(
             np.array(texts) if bad > 0.5 * len(texts) else np.array([np.nan if v is None else v for v in values])
         )

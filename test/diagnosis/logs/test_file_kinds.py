@@ -15,6 +15,7 @@ from microstage_ros.commands.analysis.diagnose import main as diagnose
 from microstage_ros.commands.analysis.log import main as log
 from microstage_ros.commands.__main__ import main as microstage
 from microstage_ros.quantities.errors import InputError
+from microstage_ros.records.logs.description import load_description
 from microstage_ros.records.logs.log import read_table
 
 RATE = 100.0
@@ -175,3 +176,31 @@ def test_a_bag_without_a_summary_is_read_through(tmp_path):
     found = read_table(path)
     assert set(found.columns) == set(whole.columns)
     np.testing.assert_array_equal(found.columns["slide.position"], whole.columns["slide.position"])
+
+
+@pytest.mark.parametrize("options, says", [
+    (["FILE", "--separator", ";;"], "--separator: got ';;', expected one character"), (["FILE", "--separator", '"'], "--separator"),
+    (["FILE", "--separator", "·"], "--separator"), (["FILE", "--skip-rows", "-1"], "--skip-rows: got -1, expected .* 0 or more"),
+    (["--examine", "2", "--seed", "-1"], "--seed: got -1, expected a whole number of 0 or more"),
+    (["--examine", "2", "--strength", "-1"], "--strength: got -1.0"), (["--examine", "2", "--strength", "nan"], "--strength: got nan"),
+    (["FILE", "--examine", "3"], "FILE: got .*now.csv', expected no file together with --examine")])
+def test_wrong_options_are_one_line(options, says, tmp_path):
+    (tmp_path / "now.csv").write_text("t,x,i\n" + "".join(f"{0.1 * k},{k},{k % 3}\n" for k in range(50)))
+    with pytest.raises(InputError, match=says):
+        log([str(tmp_path / "now.csv") if word == "FILE" else word for word in options])
+
+
+def test_a_named_separator_is_written_as_its_character(tmp_path):
+    (tmp_path / "now.txt").write_text("t\tx\ti\n" + "".join(f"{0.1 * k}\t{k}\t{k % 3}\n" for k in range(50)))
+    assert log([str(tmp_path / "now.txt"), "--separator", "tab", "--out", str(tmp_path / "first")]) == 0
+    assert load_description(tmp_path / "first" / "LOG.yaml").separator == "\t"
+
+
+def test_one_row_is_refused_and_an_empty_column_is_not_proposed(tmp_path, recwarn):
+    (tmp_path / "one.csv").write_text("t,x,i\n0,1,2\n")
+    with pytest.raises(InputError, match="got '1 row', expected at least two rows"):
+        log([str(tmp_path / "one.csv")])
+    (tmp_path / "now.csv").write_text("t,x,i\n" + "".join(f"{0.1 * k},{k},nan\n" for k in range(50)))
+    assert log([str(tmp_path / "now.csv"), "--out", str(tmp_path / "first")]) == 0
+    assert "current:" not in (tmp_path / "first" / "LOG.yaml").read_text()
+    assert not [w for w in recwarn if issubclass(w.category, RuntimeWarning)]

@@ -98,3 +98,40 @@ def test_wrong_words_are_one_line(machines, tmp_path, monkeypatch, words, says):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InputError, match=says):
         diagnose(["--log", "LOG.yaml", "--out", "out", *words])
+
+
+@pytest.fixture
+def one_of_each(tmp_path):
+    """Command line of one baseline log against one of now with more friction, and the file of the baseline."""
+    (tmp_path / "LOG.yaml").write_text(LOG)
+    folder = Path(machine(tmp_path / "m", 1.6, 1))
+    return ["--log", str(tmp_path / "LOG.yaml"), "--baseline", str(folder / "base1.csv"), "--out", str(tmp_path / "out"),
+            str(folder / "now.csv")], folder
+
+
+@pytest.mark.parametrize("short, place", [("base1.csv", "--baseline"), ("now.csv", "records")])
+def test_too_few_rows_are_told_as_such(one_of_each, short, place):
+    line, folder = one_of_each
+    text = (folder / short).read_text().split("\n")
+    (folder / short).write_text("\n".join(text[:30]) + "\n")
+    with pytest.raises(InputError, match=f"{place}: got '29 rows with a value of the effort .current.', expected 40 rows or more"):
+        diagnose(line)
+
+
+def test_few_repetitions_and_open_names_on_the_terminal(one_of_each, capsys):
+    """One cycle as the baseline."""
+    line, folder = one_of_each
+    text = (folder / "base1.csv").read_text().split("\n")
+    (folder / "base1.csv").write_text("\n".join(text[:402]) + "\n")
+    assert diagnose(line) == 0
+    assert "Few baseline repetitions (1): thresholds are wide." in capsys.readouterr().out
+
+
+def test_a_bad_log_of_one_machine_is_told_in_its_own_words(tmp_path, machines, capsys):
+    file = tmp_path / "m0" / "now.csv"
+    lines = file.read_text().split("\n")
+    lines[30] = "nan" + lines[30][lines[30].index(","):]
+    file.write_text("\n".join(lines))
+    assert diagnose(["--log", str(tmp_path / "LOG.yaml"), "--out", str(tmp_path / "out"), "--each", machines[0]]) == 1
+    (row,) = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert row["error"].startswith(f"{file}: column t, row 30 of 2400: got 'no number'")

@@ -162,3 +162,11 @@ def test_a_delay_is_no_change_of_the_forces():
     """Forces go with the motion: a set point that acts 20 ms later is no friction, whatever else the error may mean."""
     causes, rivals = told(diagnosed({"delay": 0.02}))
     assert (causes or rivals)[0] == "transport_delay" and not {*causes, *rivals} & {"friction_level_change", "viscous_change"}, (causes, rivals)
+
+
+def test_what_is_named_or_open_is_not_listed_as_not_visible(monkeypatch):
+    from microstage_ros.diagnosis.logs.selection import verdict
+    monkeypatch.setattr(verdict, "hidden_effects", lambda seen, context: dict.fromkeys(verdict.SIGNATURES, "more"))
+    result = diagnosed({"level": 90.0, "viscous": 450.0})
+    causes, rivals = told(result)
+    assert rivals and not {*causes, *rivals} & set(result.hidden) and "screw_pitch_error" in result.hidden

@@ -211,7 +211,7 @@ def _course(page, report, result):
                     page,
                     pictures.course(points, "change over the level [1]", changes),
                     f"{name_of(ids[0])}: size in every repetition with its 95 % interval, against the baseline's mean."
-                    " Dashed: where its mean changes.",
+                    + (" Dashed: where its mean changes." if changes else ""),
                 )
                 return
 

@@ -1,6 +1,7 @@
 """Pictures of a log's diagnosis: over the stroke by direction, in time, the course from run to run, ripple by order."""
 
 import numpy as np
+from matplotlib.ticker import MaxNLocator
 
 from microstage_ros.diagnosis.logs.preprocessing.coordinates import STEADY, cell_keys
 from microstage_ros.diagnosis.logs.selection.effects import columns_of
@@ -161,17 +162,19 @@ def _rows_fitted(result, name, rows):
     return total
 
 
-def course(points, label, changes=()):
+def course(points, label, changes=(), per_log=False):
     """Figure: a size from repetition to repetition with its 95 % interval, baseline first; dashed: change points.
 
-    ``points``: `Point` each; ``label``: of the size; ``changes``: indices of points [1].
+    ``points``: `Point` each; ``label``: of the size; ``changes``: indices of points [1]; ``per_log``: a point is a log,
+    and those of now are numbered from 1.
     """
     figure, axes = new_figure(height=2.5)
+    first = 1 - sum(p.baseline for p in points) if per_log else 1
     for baseline, colour, name in ((True, BASE, "baseline"), (False, NOW, "now")):
         index = [k for k, p in enumerate(points) if p.baseline == baseline]
         if index:
             axes.errorbar(
-                index,
+                [k + first for k in index],
                 [points[k].value for k in index],
                 yerr=[1.96 * points[k].stderr for k in index],
                 fmt="o",
@@ -181,9 +184,13 @@ def course(points, label, changes=()):
                 label=name,
             )
     for change in changes:
-        axes.axvline(change - 0.5, color=COLOURS["black"], ls="--", lw=1.0)
+        axes.axvline(change + first - 0.5, color=COLOURS["black"], ls="--", lw=1.0)
     axes.axhline(0.0, color=COLOURS["grey"], lw=0.7, zorder=0)
-    axes.set_xlabel("repetition, in the order of the logs")
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
+    axes.set_xlabel(
+        "log of now, in the order given; the baseline's are below 1" if per_log
+        else "repetition, in the order of the logs"
+    )
     axes.set_ylabel(label)
     axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2)
     return figure

@@ -4,6 +4,8 @@ import dataclasses
 import json
 import math
 
+import numpy as np
+
 from microstage_ros import __version__
 from microstage_ros.diagnosis.logs import case
 from microstage_ros.diagnosis.logs.report import pictures
@@ -30,17 +32,24 @@ FOLLOWED = (
     "resistance_rise",
     "amplifier_gain",
 )
+#: Modified z-score from which on one log lies off the others, and the ratio of the median deviation to the standard
+#: deviation of a normal distribution in it. Source: Iglewicz and Hoaglin, How to detect and handle outliers, 1993.
+OUTLYING, TO_SIGMA = 3.5, 0.6745
+LEAST_LOGS = 3             # logs of now, of which two can agree against one; derived: a median of two lies off both
 
 
 @dataclasses.dataclass
 class Trend:
-    """``courses``: {effect id: (points, indices of change points)}; ``groups``: answers for the logs after the last
-    change and before."""
+    """``courses``: {effect id: (points, indices of change points)}; ``last``: `LogDiagnosis` of the logs after the last
+    change; ``order``: sources, baseline first; ``changes``: indices into it; ``passed``: None, or, where those logs
+    agree with the baseline, (indices of the logs of now that did not, their `LogDiagnosis`, whether there are later
+    ones and these agree)."""
 
     courses: dict
     last: object
     order: list
     changes: list
+    passed: tuple | None = None
 
 
 def diagnose_over_time(baseline, now, description, seed=0):
@@ -67,7 +76,39 @@ def diagnose_over_time(baseline, now, description, seed=0):
     last = max((c for c in changes if c > after_baseline), default=after_baseline) - after_baseline
     tail = now[last:] or now
     answer = case.diagnose_logs(baseline, tail, description, seed) if last else whole
-    return Trend(courses, answer, [log.source for log in [*baseline, *now]], changes)
+    passed = None
+    if best and _agrees(answer):
+        span = passing(courses[best][0], changes)
+        alone = case.diagnose_logs(baseline, [now[k] for k in span], description, seed) if span else answer
+        if not _agrees(alone):
+            later = now[span[-1] + 1:]
+            back = later and (last > span[-1] or _agrees(case.diagnose_logs(baseline, later, description, seed)))
+            passed = (span, alone, bool(back))
+    return Trend(courses, answer, [log.source for log in [*baseline, *now]], changes, passed)
+
+
+def _agrees(answer):
+    return answer.diagnosis.verdict == "agrees"
+
+
+def passing(points, changes):
+    """Numbers of the logs of now that may have differed for a time: those before the last change, else the one that
+    lies farthest off the others, if it lies `OUTLYING` or more off; a list that may be empty.
+
+    ``points``: `Point` per log, baseline first; ``changes``: indices of points before which the mean changes [1].
+    """
+    first = sum(p.baseline for p in points)
+    inside = [c for c in changes if c > first]
+    if inside:
+        return list(range(max([c for c in changes if first < c < inside[-1]], default=first) - first,
+                          inside[-1] - first))
+    values = np.array([p.value for p in points[first:]])
+    if len(values) < LEAST_LOGS or not np.isfinite(values).all():
+        return []
+    off = np.abs(values - np.median(values))
+    error = float(np.median([p.stderr for p in points[first:]]))
+    worst = int(np.argmax(off))
+    return [worst] if TO_SIGMA * off[worst] > OUTLYING * max(float(np.median(off)), TO_SIGMA * error) else []
 
 
 def _movement(points):
@@ -90,7 +131,9 @@ def write_trend(trend, description, folder, sources):
             "of": "level of the channel",
             "changes_at": [points[c].source for c in changes],
         }
-    sentences = [f"After the last change: {headline(report)}"]
+    passed = _passed_fields(trend, description, sources)
+    after = "After the last change: " if trend.changes else ""
+    sentences = [_in_passing(passed, sources["now"]) if passed else f"{after}{headline(report)}"]
     for change in trend.changes:
         sentences.append(f"  changes at {trend.order[change]}")
     tree = {
@@ -99,6 +142,7 @@ def write_trend(trend, description, folder, sources):
         "courses": rows,
         "changes_at": [trend.order[c] for c in trend.changes],
         "report": report,
+        "passed": passed,
         "sentences": sentences,
         "sources": sources,
         "version": __version__,
@@ -110,6 +154,26 @@ def write_trend(trend, description, folder, sources):
                 json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8"
             )
     return tree
+
+
+def _passed_fields(trend, description, sources):
+    """{"logs": numbers of those that differed for a time, from 1, "report": their report, "back": whether later ones
+    agree}, or None."""
+    if trend.passed is None:
+        return None
+    span, alone, back = trend.passed
+    own = {name: [sources[name][k] for k in span] for name in ("records", "now")}
+    return {"logs": [k + 1 for k in span], "report": report_fields(alone, description, {**sources, **own}),
+            "back": back}
+
+
+def _in_passing(passed, now):
+    """What differed for a time, in one sentence, and whether it was over at the end."""
+    first, last = passed["logs"][0], passed["logs"][-1]
+    which = (f"Log {first} of {len(now)} ({now[first - 1]}) differs" if first == last
+             else f"Logs {first} to {last} of {len(now)} (from {now[first - 1]}) differ")
+    after = "The logs after that" if passed["back"] else "All logs taken together"
+    return f"{which} from the baseline: {headline(passed['report'])} {after} agree with the baseline."
 
 
 def _plain(value):
@@ -127,18 +191,21 @@ def _page(trend, report, tree, description, path):
         about={"Logs": f"{len(trend.order)}"},
     )
     page.verdict(
-        tree["sentences"][0], TONES[report["verdict"]], more="; ".join(s.strip() for s in tree["sentences"][1:])
+        tree["sentences"][0],
+        TONES[report["verdict"]] if tree["passed"] is None else "caution",
+        more="; ".join(s.strip() for s in tree["sentences"][1:]),
     )
-    page.section("What has changed")
+    page.section("What has changed" + (" for a time" if tree["passed"] else ""))
+    report = tree["passed"]["report"] if tree["passed"] else report
     page.list([f"{name_of(c['id'])}: {size_of(c)}. {advice_for(c['id'])}" for c in report["causes"]]
               + [f"{' or '.join(r['ids'])}: {r['experiment']} would decide." for r in report["rivals"]] or ["Nothing."])
     page.section("Courses")
     for name, (points, changes) in sorted(trend.courses.items(), key=lambda item: -_movement(item[1][0])):
         page.heading(name_of(name))
         page.figure(
-            pictures.course(points, "change over the level [1]", changes),
-            "One point per log with its 95 % interval; each effect is fitted by "
-            "itself, so that effects which look alike move together. Dashed: where the mean changes.",
+            pictures.course(points, "change over the level [1]", changes, per_log=True),
+            "One point per log with its 95 % interval; each effect is fitted by itself, so that effects which look"
+            " alike move together." + (" Dashed: where the mean changes." if changes else ""),
             name_of(name),
         )
     page.save(path)

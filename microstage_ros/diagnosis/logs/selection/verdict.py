@@ -31,6 +31,7 @@ CREEP = 0.001              # of the stroke: creep at rest that is counted as usu
 LAG_S, LOOP_S = 0.002, 0.05
 # of a size, by which its form's misfit may mislead it; a judgement, held by the coverage that `log --examine` measures
 FORM_SIZE = 0.04
+FEW_REPEATED = "Few baseline repetitions"
 FEW = 6                    # repetitions of the baseline below which thresholds are called wide
 
 
@@ -96,6 +97,8 @@ def answer(reduced, spreads, groups, context, notes, open_sign, seed):
     hidden = hidden_effects(seen, context)
     if any(stage.free for stage in stages):
         hidden |= {name: BESIDE for name in FOLLOWING if name not in seen and hidden.get(name) != BEHIND_NEED}
+    named = {cause.id for cause in causes} | {name for group in rivals for name in group.ids}
+    hidden = {name: need for name, need in hidden.items() if name not in named}
     return LogDiagnosis(diagnosis, seen, hidden, healthy_table(context, spreads), evidence, context, tuple(rival_sizes))
 
 
@@ -183,7 +186,7 @@ def _sentences(notes, spreads):
     repeats = min(min(s.repetitions.values()) for s in spreads.values())
     assemblies = max(max(s.groups.values()) for s in spreads.values())
     if repeats < FEW:
-        notes.append(f"Few baseline repetitions ({repeats}): thresholds are wide.")
+        notes.append(f"{FEW_REPEATED} ({repeats}): thresholds are wide.")
     if assemblies < 2:
         level = 100.0 * spread.USUAL["level"][1]
         notes.append(
