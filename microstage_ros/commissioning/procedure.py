@@ -232,7 +232,8 @@ def _judge_response(outcome, machine, sketch, fit):
         )
     else:
         outcome.check(
-            Check("resonance", True, fit.resonance, "Hz", f"{fit.resonance:.4g} Hz, sketched {expected:.4g} Hz")
+            Check("resonance", True, fit.resonance, "Hz",
+                  f"{fit.resonance:.4g} Hz, {'sketched' if known else 'typical'} {expected:.4g} Hz")
         )
 
 

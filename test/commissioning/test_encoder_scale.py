@@ -1,5 +1,6 @@
 """The scale of the encoder: what the measurements of the first minute can tell of it, and what they cannot."""
 
+import dataclasses
 import math
 
 import pytest
@@ -78,3 +79,17 @@ def test_the_first_loop_has_no_feedforward():
     assert gentle_law(SKETCH.axis) == "self_tuning" and encoder_laws(SKETCH.axis)[:2] == ("self_tuning_feedforward", "pid_feedforward")
     force = load_sketch(config_file("emps.yaml"))
     assert gentle_law(force.axis) == "pid" == encoder_laws(force.axis)[-1]
+
+
+@pytest.mark.parametrize("factor, ready", [(3.0, True), (1000.0, False)])
+def test_a_number_in_another_unit_is_refused_and_one_beyond_its_tolerance_is_told(factor, ready):
+    """A back-EMF in mV s/rad where V s/rad are asked made a machine ready, whose encoder "counts 1e+03 times" too many; three times
+    what the sketch allows may be a motor's."""
+    found = shown(SKETCH.axis, has_current=True)
+    sketch = dataclasses.replace(SKETCH, axis=SKETCH.axis.with_values({"drive.back_emf": factor * SKETCH.axis.value("drive.back_emf")}),
+                                 tolerance=SKETCH.tolerance | dict.fromkeys(SKETCH.tolerance, 0.1))
+    if ready:
+        assert "beyond its tolerance" in scale_check(found, sketch).says
+    else:
+        with pytest.raises(Refused, match="another unit"):
+            scale_check(found, sketch)

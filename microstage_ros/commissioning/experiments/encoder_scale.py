@@ -10,6 +10,7 @@ from microstage_ros.model.transmission import motor_ratio
 
 EMF_DOUBT = 0.05  # of the logarithm: a magnet loses 0.2 % per kelvin, and the strokes tell the back-EMF within 1 %
 LEAST_SCALE = 0.5 * math.log(2.0)  # of the logarithm: edges are counted wrong by two or four
+WRONG_UNIT = math.log(10.0)  # of the logarithm
 INERTIA_DOUBT = 0.3  # of the logarithm: friction that changes as the stage gathers speed counts as inertia
 
 
@@ -35,15 +36,21 @@ def scale_check(found, sketch, sliding=None):
     inertia = sliding if sliding is not None else found.inertia if found.has_current else None
     low, high, alone = _scale_of_motor(found, sketch, inertia)
     if low > high:
-        return Check(
-            "encoder_scale",
-            True,
-            alone[0],
-            "1",
-            f"the encoder counts {alone[0]:.2g} times what the sketched back-EMF says, and {alone[1]:.2g}"
-            " times what the sketched inertia says: no scale explains both, one of them is beyond its tolerance",
-        )
+        return _unexplained(alone)
     return _judged_scale(low, high, "the motor's back-EMF" + ("" if inertia is None else " and inertia"))
+
+
+def _unexplained(alone):
+    """`Check` where back-EMF and inertia ``alone`` [1] say different scales; raises Refused where one is as far off as
+    by another unit, which no motor's tolerance explains."""
+    says = (
+        f"the encoder counts {alone[0]:.2g} times what the sketched back-EMF says, and {alone[1]:.2g}"
+        " times what the sketched inertia says: no scale explains both, "
+    )
+    if max(abs(math.log(scale)) for scale in alone) > WRONG_UNIT:
+        raise refused("encoder_scale", alone[0], "1", says + "and a number of the sketch has another unit, it seems "
+                      "(drive.back_emf, drive.torque_constant, drive.rotor_inertia, stage.mass, encoder, pitch)")
+    return Check("encoder_scale", True, alone[0], "1", says + "one of them is beyond its tolerance")
 
 
 def _scale_by_inertia(found, sketch):
