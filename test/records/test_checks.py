@@ -46,6 +46,7 @@ LIES = {
     "interferometer in um": ({"interferometer_m": 1e6}, ["interferometer_m"]),
     "voltage in mV": ({"voltage_V": 1e3}, ["voltage_V", "volts"]),
     "current in mA": ({"current_A": 1e3}, ["current_A", "mA for A"]),
+    "the voltage with the other sign": ({"voltage_V": -1.0}, ["current_A", "other sign"]),
     "pressure in hPa": ({"air_pressure_Pa": 1e-2}, ["air_pressure_Pa", "pascal"]),
     "humidity in percent": ({"air_humidity": 1e2}, ["air_humidity", "0 to 1"]),
 }
