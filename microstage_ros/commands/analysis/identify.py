@@ -61,8 +61,6 @@ def main(argv=None):
     out = pathlib.Path(arguments.out)
     if out.suffix not in (".yaml", ".yml"):
         raise InputError("--out", arguments.out, "a file name ending in .yaml")
-    if arguments.seed < 0:
-        raise InputError("--seed", arguments.seed, "a whole number from 0")
     if arguments.blocks is not None and not 1 <= arguments.blocks <= 8:
         raise InputError("--blocks", arguments.blocks, "a whole number from 1 to 8")
     keep_earlier("--out", [out, out.with_suffix(".html")], arguments.force)

@@ -2,7 +2,6 @@
 machines."""
 
 import argparse
-import math
 import pathlib
 
 import numpy as np
@@ -186,9 +185,7 @@ def _examine(arguments):
 
     if arguments.examine < 1:
         raise InputError("--examine", arguments.examine, "1 case or more")
-    if arguments.seed < 0:
-        raise InputError("--seed", arguments.seed, "a whole number of 0 or more")
-    if not (math.isfinite(arguments.strength) and arguments.strength > 0.0):
+    if not arguments.strength > 0.0:
         raise InputError("--strength", arguments.strength, "a finite number above 0")
     if arguments.effect and arguments.effect not in log_campaign.EFFECTS:
         raise InputError("--effect", arguments.effect, "one of " + ", ".join(log_campaign.EFFECTS))

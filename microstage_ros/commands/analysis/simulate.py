@@ -35,8 +35,6 @@ def main(argv=None):
     arguments = parser.parse_args(argv)
     if not arguments.out.endswith(ENDINGS):
         raise InputError("--out", arguments.out, "a file name ending in " + ", ".join(ENDINGS))
-    if arguments.seed < 0:
-        raise InputError("--seed", arguments.seed, "a whole number from 0")
     keep_earlier("--out", [arguments.out], arguments.force)
     axis, run = load_machine(arguments.axis), load_run(arguments.run)
     both = isinstance(axis, CoarseFine)

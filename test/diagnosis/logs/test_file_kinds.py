@@ -181,7 +181,7 @@ def test_a_bag_without_a_summary_is_read_through(tmp_path):
 @pytest.mark.parametrize("options, says", [
     (["FILE", "--separator", ";;"], "--separator: got ';;', expected one character"), (["FILE", "--separator", '"'], "--separator"),
     (["FILE", "--separator", "·"], "--separator"), (["FILE", "--skip-rows", "-1"], "--skip-rows: got -1, expected .* 0 or more"),
-    (["--examine", "2", "--seed", "-1"], "--seed: got -1, expected a whole number of 0 or more"),
+    (["--examine", "2", "--seed", "-1"], "--seed: got -1, expected a whole number from 0"),
     (["--examine", "2", "--strength", "-1"], "--strength: got -1.0"), (["--examine", "2", "--strength", "nan"], "--strength: got nan"),
     (["FILE", "--examine", "3"], "FILE: got .*now.csv', expected no file together with --examine")])
 def test_wrong_options_are_one_line(options, says, tmp_path):
