@@ -251,7 +251,7 @@ def _current(record, bounds):
                 f"{bounds.resistance_ohm:g} ohm; mA for A, or the two columns in each other's place?")
     work = record["voltage_V"][:-1] * record["current_A"][1:]  # the current of a row answers the voltage before it
     if np.nanmean(work) < OPPOSED * volts * drop / bounds.resistance_ohm:
-        _refuse(record, "current_A", f"a mean product with the voltage of {np.nanmean(work):.3g} W",
+        _refuse(record, "current_A against voltage_V", f"a mean product of {np.nanmean(work):.3g} W",
                 "amperes in the direction of the voltage, which drives them: one of the two columns has the other sign")
     return []
 

@@ -85,9 +85,12 @@ def gap(values, rows):
     (lambda c: {"voltage_V": np.where(np.arange(len(c["t_s"])) % 4 == 0, 6.0, c["voltage_V"])}, "at the limit"),
     (lambda c: {"encoder_m": 0 * c["encoder_m"] + 1e-3}, "constant"),
     (lambda c: {"current_A": None}, "column current_A"),
-    (lambda c: {"current_A": -c["current_A"]}, "current_A against encoder_m"),
+    (lambda c: {"current_A": -c["current_A"]}, "current_A against voltage_V: got .* the other sign"),
+    (lambda c: {"voltage_V": -c["voltage_V"]}, "current_A against voltage_V: got .* the other sign"),
+    (lambda c: {"current_A": -c["current_A"], "voltage_V": -c["voltage_V"]}, "current_A against encoder_m"),
     (lambda c: {"current_A": c["current_A"][::-1]}, "voltage_V against current_A"),
-], ids=["gap", "swapped positions", "mm for m", "mA for A", "swapped electrics", "saturated", "constant", "no current", "sign of the current", "current of another time"])
+], ids=["gap", "swapped positions", "mm for m", "mA for A", "swapped electrics", "saturated", "constant", "no current", "sign of the current", "sign of the voltage", "sign of both",
+        "current of another time"])
 def test_bad_records_are_refused(tmp_path, closed_loop_record, change, message):
     with pytest.raises(InputError, match=message) as refused:
         run(tmp_path, closed_loop_record, **change(closed_loop_record.columns))
@@ -101,7 +104,7 @@ def test_short_record_is_refused(tmp_path, closed_loop_record):
 
 def test_short_gaps_are_bridged_with_a_warning(tmp_path, closed_loop_record, capsys):
     assert run(tmp_path, closed_loop_record, encoder_m=gap(closed_loop_record["encoder_m"], 3)) == 0
-    assert "warning" in capsys.readouterr().out
+    assert "warning" in capsys.readouterr().err
 
 
 def test_record_of_another_kind_of_drive_is_refused(tmp_path, closed_loop_record):
