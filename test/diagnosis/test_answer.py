@@ -10,6 +10,7 @@ from microstage_ros.control.runs.run_file import Run, load_run
 from microstage_ros.control.runs.simulate import simulate
 from microstage_ros.diagnosis.report.answer import write_answer
 from microstage_ros.diagnosis.report.experiment import WHY, separating_run
+from microstage_ros.diagnosis.report.page import headline
 from microstage_ros.diagnosis.report.wording import TONES
 from microstage_ros.diagnosis.report.wording import VERDICTS as SENTENCES
 from microstage_ros.diagnosis.result import (
@@ -115,3 +116,11 @@ def test_a_folder_that_cannot_be_written_is_told(diagnosis, axis, tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="file: not a directory"):
         write_answer(diagnosis, axis, tmp_path / "file", SOURCES)
+
+
+def test_a_sure_cause_is_not_said_to_be_untold():
+    """"Something is there, but these records cannot tell what: lost motion" stood above a sure lost motion."""
+    report = {"verdict": "undetermined", "causes": [{"id": "backlash"}], "rivals": [{"ids": ["transport_delay", "actuator_lag"]}]}
+    said = headline(report)
+    assert said.startswith("Found: ") and "cannot tell what: " not in said and " Open: " in said
+    assert headline(report | {"causes": []}).startswith(SENTENCES["undetermined"])

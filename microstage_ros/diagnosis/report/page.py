@@ -17,7 +17,9 @@ def headline(report):
     """The verdict in one sentence, with what is sure and what is open."""
     names = [name_of(cause["id"]).lower() for cause in report["causes"]]
     text = VERDICTS[report["verdict"]]
-    if names:
+    if names and report["verdict"] == "undetermined":
+        text = f"Found: {listed(names, 'and')}. Beside that, these records cannot tell what else there is."
+    elif names:
         text = f"{text[:-1]}: {listed(names, 'and')}."
     opened = [listed([name_of(i).lower() for i in rivals["ids"]], "or") for rivals in report["rivals"]]
     return text + (f" Open: {'; '.join(opened)}." if opened else "")
@@ -189,7 +191,8 @@ def _next(report):
     entries = [f"{name_of(cause['id'])}: {advice_for(cause['id'])}" for cause in report["causes"]]
     for rivals in report["rivals"]:
         entries.append(
-            f"Open, {' or '.join(rivals['ids'])}: {rivals['why']}. Run {rivals['experiment']} on the machine, "
+            f"Open, {listed([name_of(one).lower() for one in rivals['ids']], 'or')}: {rivals['why'].rstrip('.')}. "
+            f"Run {rivals['experiment']} on the machine, "
             "record it, and diagnose again with that record."
         )
     if report["verdict"] in ("unexplained", "partly_explained"):
