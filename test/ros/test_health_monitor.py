@@ -3,7 +3,9 @@
 import contextlib
 import json
 import sqlite3
+from collections import deque
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,8 +15,12 @@ from rclpy.action import ActionClient
 from ros_support import ros_node, spin_until
 
 from microstage_ros.diagnosis.result import VERDICTS
+from microstage_ros.model.axis_file import load_axis
+from microstage_ros.places import config_file
+from microstage_ros.quantities.errors import InputError
 from microstage_ros.ros.client import AxisClient
 from microstage_ros.ros.launching.cell_processes import CellProcesses
+from microstage_ros.ros.nodes import health_monitor
 from microstage_ros.ros.transport.topics import LATCHED
 
 NODES = ("axis_driver", "str_controller", "move_server", "health_monitor")
@@ -88,3 +94,32 @@ def investigate(node, **goal):
     spin_until(node, found.done, 240.0)
     action.destroy()
     return found.result().result
+
+
+@pytest.mark.parametrize("moved", [0, 5])
+def test_moves_that_a_limit_ends_lose_no_window(monkeypatch, tmp_path, moved):
+    """With a limit of 0.2 V the first move ended, what had been seen before was gone, and the message asked for limits, which had been
+    given."""
+    seen = []
+
+    def diagnosed(axis, windows, *_):
+        seen.extend(windows)
+        if len(windows) < health_monitor.LEAST_WINDOWS:
+            raise InputError("investigate: windows of motion", len(windows), "more of them")
+        return {"verdict": "agrees", "causes": []}
+
+    def moves(*_):
+        monitor._kept.extend(["moved"] * moved)
+        return "ended: the command reached 0.4 V"
+
+    monkeypatch.setattr(health_monitor, "diagnose_windows", diagnosed)
+    request = Investigate.Goal(travel_min=-5e-4, travel_max=5e-4, voltage_max=0.2, directory=str(tmp_path))
+    monitor = SimpleNamespace(_axis=load_axis(config_file("axis.yaml")), _kept=deque(["before"] * 6), _make_moves=moves,
+                              _tell=lambda *_: None, parameters=SimpleNamespace(baseline="", directory=str(tmp_path)))
+    goal, result = SimpleNamespace(request=request, is_cancel_requested=False), Investigate.Result()
+    assert health_monitor.HealthMonitor._find_cause(monitor, goal, result) == "ended: the command reached 0.4 V"
+    assert seen.count("before") == (6 if moved < health_monitor.LEAST_WINDOWS else 0) and result.verdict == "agrees"
+    monitor._kept.clear()
+    with pytest.raises(InputError, match="ended: the command reached 0.4 V"):
+        monitor._make_moves = lambda *_: "ended: the command reached 0.4 V"
+        health_monitor.HealthMonitor._find_cause(monitor, goal, result)

@@ -22,7 +22,7 @@ from std_srvs.srv import Trigger
 
 from microstage_ros.model.axis_file import load_axis
 from microstage_ros.monitoring.health import Watch
-from microstage_ros.monitoring.investigation import Limits, diagnose_windows, targets
+from microstage_ros.monitoring.investigation import LEAST_WINDOWS, Limits, diagnose_windows, targets
 from microstage_ros.monitoring.store import Store
 from microstage_ros.monitoring.traits import Machine
 from microstage_ros.monitoring.windows import LEAST_TRAVEL, travelled
@@ -222,7 +222,7 @@ class HealthMonitor(Node):
         """Fill in the result. Returns what was done, in words."""
         request = goal.request
         limits = Limits.of(self._axis, request.travel_min, request.travel_max, request.voltage_max)
-        said = "diagnosed the windows of the last motion"
+        said, before = "diagnosed the windows of the last motion", list(self._kept)
         if limits is not None:
             self._kept.clear()
             said = self._make_moves(goal, limits, request)
@@ -231,7 +231,13 @@ class HealthMonitor(Node):
         self._tell(goal, "diagnosing", 0.0)
         out = Path(request.directory or Path(self.parameters.directory) / time.strftime("%Y%m%d-%H%M%S"))
         baseline = [name for name in self.parameters.baseline.split(",") if name]
-        report = diagnose_windows(self._axis, list(self._kept), baseline, out, request.seed)
+        windows = list(self._kept)
+        if len(windows) < LEAST_WINDOWS:  # a limit ended the moves: what was seen before is not lost
+            windows = before + windows if limits is not None else windows
+        try:
+            report = diagnose_windows(self._axis, windows, baseline, out, request.seed)
+        except InputError as error:
+            raise InputError(error.place, error.value, f"{error.expected} ({said})") from error
         result.verdict, result.report = report["verdict"], str(out / "report.json")
         result.cause = [cause["id"] for cause in report["causes"]]
         return said
