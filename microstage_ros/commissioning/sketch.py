@@ -7,8 +7,6 @@ What is missing is filled with a typical value, scaled to what is given, and cou
 """
 
 import math
-import re
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,9 +19,6 @@ from microstage_ros.quantities.errors import InputError
 
 USUAL = 1.0
 """Tolerance of a number that is given without one: within a factor of two."""
-
-IN_FILE = re.compile(r": line [1-9]")
-"""In a sentence about an axis, after its file: the number stands there."""
 
 UNKNOWN = 9.0
 """Tolerance of a number that is not given: within a factor of ten."""
@@ -68,17 +63,16 @@ class Sketch:
         """Standard deviation of the logarithm of a number [1]: its tolerance as a uniform distribution."""
         return math.log1p(self.tolerance.get(key, USUAL)) / math.sqrt(3.0)
 
+    @property
+    def unlikely(self):
+        """One sentence per unlikely number that stood in the file; typical values that were filled in have none."""
+        line = f"{self.axis.place}: line "
+        return [said for said in implausible(self.axis) if said.startswith(line) and not said.startswith(f"{line}0")]
+
 
 def load_sketch(path):
-    """Read a sketch; what stands in it and is unlikely is said on standard error.
-
-    Raises InputError: file, key, value, what would be right.
-    """
-    sketch = sketch_from_dict(read_yaml(path, "an axis file"), str(path))
-    for sentence in implausible(sketch.axis):
-        if IN_FILE.match(sentence.removeprefix(str(path))):  # not a typical value that was filled in
-            print(f"warning: {sentence}", file=sys.stderr)
-    return sketch
+    """Read a sketch. Raises InputError: file, key, value, what would be right."""
+    return sketch_from_dict(read_yaml(path, "an axis file"), str(path))
 
 
 def sketch_from_dict(tree, place="sketch"):

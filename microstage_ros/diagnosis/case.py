@@ -77,8 +77,8 @@ def diagnose_case(axis, records, holdout=(), baseline=(), seed=0, twin=()):
     ------
     InputError : for records that cannot be used.
     """
-    drive = seen_interpolation(drive_of(axis), list(baseline), list(records))
     records, holdout, notes = _hold_back(list(records), list(holdout))
+    drive = seen_interpolation(drive_of(axis), list(baseline), records)
     groups = {"learn": records, "held": holdout, "base": list(baseline)}
     if not baseline:
         notes.append("No baseline was given: thresholds come from the model's own figures.")

@@ -27,7 +27,7 @@ OFF_GRID = 0.05
 """Median distance from a whole count above which positions are not counts; chance gives 0.25."""
 
 MOST_MISSING = 0.5
-OPPOSED = -0.5  # of rms voltage times rms current: a load that drives the motor backwards all the time reaches less
+OPPOSED = -0.5  # of rms voltage times rms current; a load that is lowered reaches it, too, and its steps do not
 MOST_SATURATED = 0.9
 """An axis in a limit cycle drives its amplifier from one limit to the other, and is worth looking at."""
 
@@ -249,9 +249,10 @@ def _current(record, bounds):
         _refuse(record, "current_A", f"rms {drop / bounds.resistance_ohm:.4g}",
                 f"amperes, about {volts / bounds.resistance_ohm:.4g} for the voltage of this record through "
                 f"{bounds.resistance_ohm:g} ohm; mA for A, or the two columns in each other's place?")
-    work = record["voltage_V"][:-1] * record["current_A"][1:]  # the current of a row answers the voltage before it
-    if np.nanmean(work) < OPPOSED * volts * drop / bounds.resistance_ohm:
-        _refuse(record, "current_A against voltage_V", f"a mean product of {np.nanmean(work):.3g} W",
+    voltage, current = record["voltage_V"][:-1], record["current_A"][1:]  # which answers the voltage of the row before
+    power, steps = np.nanmean(voltage * current), np.nanmean(np.diff(voltage) * np.diff(current))
+    if power < OPPOSED * volts * drop / bounds.resistance_ohm and steps < 0.0:
+        _refuse(record, "current_A against voltage_V", f"a mean product of {power:.3g} W",
                 "amperes in the direction of the voltage, which drives them: one of the two columns has the other sign")
     return []
 

@@ -78,7 +78,7 @@ def test_the_cell_drives_it(tmp_path, simulated):
             _, told = process.communicate(timeout=240)
     assert ("simulated" in told) == simulated and "Traceback" not in told
     reads, writes = map(int, (tmp_path / "counts.txt").read_text().split())
-    assert 0.9 * reads < writes < (1.5 if not simulated else 1.01) * reads + 10
+    assert 0.9 * reads < writes < (1.5 if not simulated else 1.01) * reads + 10, (reads, writes)
     if simulated:
         record = read_record(tmp_path / "bag")
         assert "interferometer_m" not in record and np.isfinite(record["encoder_m"]).mean() > 0.99

@@ -51,6 +51,8 @@ def main(argv=None):
     from microstage_ros.hardware.protocol import Setup
 
     sketch, options = load_sketch(arguments.axis), backend_options(arguments)
+    for sentence in sketch.unlikely:
+        print(f"warning: {sentence}", file=sys.stderr)
     backend = make_hardware(arguments.backend, Setup(sketch.axis, arguments.seed, options))
     description = Path(arguments.axis).read_text(encoding="utf-8")
     identity = f"{description}\n{arguments.backend}\n{yaml.safe_dump(options)}\n{arguments.seed}"

@@ -10,7 +10,7 @@ from microstage_ros.model.transmission import motor_ratio
 
 EMF_DOUBT = 0.05  # of the logarithm: a magnet loses 0.2 % per kelvin, and the strokes tell the back-EMF within 1 %
 LEAST_SCALE = 0.5 * math.log(2.0)  # of the logarithm: edges are counted wrong by two or four
-WRONG_UNIT = math.log(10.0)  # of the logarithm
+WRONG_UNIT = math.log(10.0)  # of the logarithm: a milli or a kilo is 1000, and no data sheet is off by ten
 INERTIA_DOUBT = 0.3  # of the logarithm: friction that changes as the stage gathers speed counts as inertia
 
 

@@ -25,12 +25,12 @@ def in_common(*groups):
     """
     notes, unused = [], set()
     for name in OPTIONAL:
-        shares = {record.source: _share(record, name) for group in groups for record in group}
-        without = [source for source, share in shares.items() if share < LEAST_SHARE]
-        if without and any(shares.values()):
+        shares = [(record.source, _share(record, name)) for group in groups for record in group]
+        without = [(source, share) for source, share in shares if share < LEAST_SHARE]
+        if without and any(share > 0.0 for _, share in shares):
             unused.add(name)
-            few = shares[without[0]]
-            notes.append(f"{name} is not used: {without[0]} has it in {few:.0%} of its rows"
+            source, few = without[0]
+            notes.append(f"{name} is not used: {source} has it in {few:.0%} of its rows"
                          + (f", and so {len(without) - 1} more." if len(without) > 1 else "."))
     return [[_without(record, unused) for record in group] for group in groups], notes
 
