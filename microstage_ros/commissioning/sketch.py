@@ -12,7 +12,7 @@ from pathlib import Path
 
 from microstage_ros.files import read_yaml
 from microstage_ros.model.actuators import ACTUATORS, BY_NAME
-from microstage_ros.model.axis_file import axis_from_dict, load_axis
+from microstage_ros.model.axis_file import Axis, axis_from_dict, load_axis
 from microstage_ros.model.plausibility import implausible
 from microstage_ros.places import config_file
 from microstage_ros.quantities.errors import InputError
@@ -55,7 +55,7 @@ class Sketch:
     axis : `Axis`, complete. tolerance : dotted key to relative tolerance. given : keys that stood in the file.
     """
 
-    axis: object
+    axis: Axis
     tolerance: dict
     given: frozenset
 

@@ -52,6 +52,17 @@ LIES = {
 }
 
 
+def test_a_load_that_is_lowered_has_no_wrong_sign():
+    """It drives the motor: its current is that of the holding torque, its voltage the back-EMF's the other way; steps of the loop
+    have one sign in both."""
+    columns = honest(reach=1e-3)
+    loop = columns["voltage_V"] - columns["voltage_V"].mean()
+    loop *= 0.05 / np.abs(loop).max()
+    columns |= {"voltage_V": loop - 0.5, "current_A": np.roll(loop, 1) / 3.41 + 0.05}
+    assert np.mean(columns["voltage_V"] * columns["current_A"]) < 0.0
+    check(columns)
+
+
 @pytest.mark.parametrize("lie", LIES)
 @pytest.mark.parametrize("reach", [1e-5, 1e-3])
 def test_another_unit_is_refused(lie, reach):

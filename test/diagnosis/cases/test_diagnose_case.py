@@ -6,6 +6,7 @@ import pathlib
 import numpy as np
 import pytest
 
+from microstage_ros.diagnosis import case
 from microstage_ros.diagnosis.batch import diagnose_records
 from microstage_ros.diagnosis.case import diagnose_case
 from microstage_ros.diagnosis.preprocessing.common_sensors import in_common
@@ -75,6 +76,29 @@ def test_a_sensor_that_not_all_records_have_is_not_used(axis, lacking):
         records = [sparse(record) for record in records]
     answer = diagnose_records(axis, records, holdout, baseline, seed=0)
     assert answer.verdict == "agrees" and answer.notes[0].startswith("interferometer_m is not used: ")
+
+
+def test_one_record_of_a_source_speaks_for_no_other_of_it():
+    """Windows of one record have one source; the sensor of the last one alone was looked at."""
+    full = Record(1e-4, {"encoder_m": np.zeros(9), "interferometer_m": np.zeros(9)}, "today")
+    lacks = Record(1e-4, {"encoder_m": np.zeros(9)}, "today")
+    (learn, _), notes = in_common([lacks, full], [])
+    assert not any("interferometer_m" in record for record in learn) and len(notes) == 1
+
+
+def test_what_is_held_back_does_not_tell_what_the_encoder_has(axis, monkeypatch):
+    """Without a baseline the records to learn from are asked, and the last one is there to judge on."""
+    asked = []
+
+    def seen(drive, baseline, records):
+        asked.append([record.source for record in records])
+        raise InputError("enough", 0, "no more")
+
+    monkeypatch.setattr(case, "seen_interpolation", seen)
+    records = [Record(1e-4, {"encoder_m": np.zeros(9)}, name) for name in ("one", "two", "three")]
+    with pytest.raises(InputError, match="enough"):
+        case.diagnose_case(axis, records)
+    assert asked == [["one", "two"]]
 
 
 def test_sensors_that_all_records_have_are_kept():
