@@ -34,7 +34,7 @@ from microstage_ros.diagnosis.result import Cause, Diagnosis, Parameter
 from microstage_ros.diagnosis.selection import judge, limit_cycle
 from microstage_ros.diagnosis.selection.agreement import unsteadiness
 from microstage_ros.diagnosis.selection.calibration import likely, probability
-from microstage_ros.diagnosis.selection.leftover import over_twin, scatter_findings, swings_in_time
+from microstage_ros.diagnosis.selection.leftover import over_twin, remains, scatter_findings, swings_in_time
 from microstage_ros.diagnosis.selection.nonregression_causes import nonregression_causes
 from microstage_ros.diagnosis.selection.refinement import about_their_sizes, refine
 from microstage_ros.diagnosis.selection.selection import select
@@ -70,8 +70,8 @@ def diagnose_case(axis, records, holdout=(), baseline=(), seed=0, twin=()):
     holdout : records to judge on; without any, the last record is held back, or the last third of the only one.
     baseline : records of the healthy axis, for the thresholds; may be empty.
     seed : written into the result [1]; nothing here is drawn at random.
-    twin : list of `Record`, the held-out ones as the same machine makes them with nothing wrong in it, which only a
-        simulation has; nothing is fitted to them (`leftover.over_twin`).
+    twin : list of `Record`, the held-out one as the same machine makes it with nothing wrong in it, once or with
+        several draws of its noise, which only a simulation has; nothing is fitted to them (`leftover.over_twin`).
 
     Raises
     ------
@@ -251,6 +251,7 @@ def _answer(collection, evidences, choices, rivals, nonregression, holdout, note
         findings=tuple(sorted([*(f for f, _ in found), *by_size], key=lambda f: -f.statistic / f.threshold)),
         pictures=tuple(pictures), notes=tuple(notes), seed=seed, doubtful=tuple(doubtful),
         floors=over_twin(collection, evidences, choices),
+        remains=remains(collection, evidences, choices),
     )
 
 

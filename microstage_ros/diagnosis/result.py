@@ -129,7 +129,7 @@ class Diagnosis:
     ``doubtful``: further causes that were too unlikely to be named.
     ``of_one_homing``: effects whose phase holds until the machine homes again; a record after that has its own.
     ``floors``: {channel: (χ² that the causes leave of the held-out records above what their twin leaves, its standard
-    error)}, where a simulation gave a twin.
+    error, χ² of each twin)}, where a simulation gave a twin; ``remains``: {channel: `leftover.Remains`}.
     """
 
     verdict: str
@@ -145,6 +145,7 @@ class Diagnosis:
     of_one_homing: tuple = ()
     doubtful: tuple = ()
     floors: dict = dataclasses.field(default_factory=dict)
+    remains: dict = dataclasses.field(default_factory=dict)
 
     @property
     def effects(self):

@@ -19,6 +19,7 @@ from microstage_ros.commands.tables import DIAGNOSIS
 from microstage_ros.diagnosis.selection.calibration import calibrate, write_calibration
 from microstage_ros.diagnosis.validation import campaign
 from microstage_ros.diagnosis.validation.form_errors import form_errors
+from microstage_ros.diagnosis.validation.ways import CASES
 from microstage_ros.files import write_text
 from microstage_ros.metrology.rates import rate
 from microstage_ros.model.effects import REGISTRY
@@ -86,7 +87,7 @@ def _parse(argv):
     parser.add_argument(
         "--world",
         default="first",
-        choices=tuple(campaign.WORLDS),
+        choices=tuple(CASES),
         help="who makes the records: the first world, or "
         "one of other programmes, controllers, encoders, noise, variability and friction laws (default first)",
     )

@@ -30,34 +30,74 @@ SAME_FREQUENCY = 2.0  # of the width 1/T of a line in a record of length T; deri
 TINY = np.finfo(float).tiny
 
 
+class Remains(NamedTuple):
+    """What the causes leave of the held-out records in one channel, stretch by stretch of `LOUDNESS_STRETCH`.
+
+    ``energy`` (stretches,): χ², by the baseline's scatter [1]; ``rows`` (stretches,) [1]; ``noise``: standard deviation
+    of a reading by which positions are weighed, 1 in other channels [m or 1].
+    """
+
+    energy: np.ndarray
+    rows: np.ndarray
+    noise: float = 1.0
+
+
+def remains(collection, evidences, choices):
+    """{channel: `Remains`} of the held-out records."""
+    found = {}
+    for channel, held in evidences.held.items():
+        keys = Evidences._keys(channel, choices)
+        left, rows = held.energies(keys, evidences.learn[channel].fit(keys)[0], LOUDNESS_STRETCH)
+        read = [one.scatter for one in _records(collection, "held", channel)] if channel == "position" else [1.0]
+        found[channel] = Remains(left / evidences.scatter[channel], rows, float(np.mean(read)))
+    return found
+
+
+def above(mine, floor):
+    """What one record leaves above another of the same programme.
+
+    Positions are weighed by the noise of ``mine``: read off counts, that is a twentieth smaller where the floor shakes
+    the resting stage from count to count.
+
+    Parameters
+    ----------
+    mine, floor : `Remains`.
+
+    Returns
+    -------
+    (χ², its standard error by how stretches disagree).
+    """
+    more = mine.energy - floor.energy * (mine.rows / floor.rows) * (floor.noise / mine.noise) ** 2
+    count = max(len(more), 1.0 + LEAST_FREEDOM)
+    scatter = ((more - more.sum() * mine.rows / mine.rows.sum()) ** 2).sum() * count / (count - 1.0)
+    return float(more.sum()), float(np.sqrt(scatter))
+
+
 def over_twin(collection, evidences, choices):
     """How much more the causes leave of the held-out records than a machine leaves that has none of them.
 
     The twin is the same machine with nothing wrong on the same programme, so what it leaves is the noise floor of these
     very rows: a baseline went elsewhere, at other speeds, and leaves another χ² per row there, on a machine of another
-    friction law above all. Nothing is fitted to it, and its positions are weighed by the reading noise of the held-out
-    record: read off counts, that is a twentieth smaller where the floor shakes the resting stage from count to count.
+    friction law above all. Nothing is fitted to it.
 
     Returns
     -------
-    {channel: (χ² above the twin's, its standard error by how stretches of `LOUDNESS_STRETCH` disagree)}; empty without
-    a twin.
+    {channel: (χ² above what the first twin leaves, its standard error, χ² that each of the twins leaves)}; empty
+    without a twin.
     """
     found = {}
-    for channel, held in evidences.held.items() if collection.channels.get("twin") else ():
+    for channel, mine in remains(collection, evidences, choices).items() if collection.channels.get("twin") else ():
         forms = [form for form in evidences.forms if form.channel == channel]
         if channel == "position":
-            for mine, its in zip(_records(collection, "held", channel), _records(collection, "twin", channel)):
-                its.scatter = mine.scatter
-        twin, keys = collection.growing(channel, forms, "twin"), Evidences._keys(channel, choices)
+            for its in _records(collection, "twin", channel):
+                its.scatter = mine.noise
+        twin = collection.growing(channel, forms, "twin")
         if twin is None:
             continue
-        left, rows = held.energies(keys, evidences.learn[channel].fit(keys)[0], LOUDNESS_STRETCH)
-        floor, of = twin.energies([], np.zeros(0), LOUDNESS_STRETCH)
-        more = (left - floor * rows / of) / evidences.scatter[channel]
-        count = max(len(more), 1.0 + LEAST_FREEDOM)
-        scatter = ((more - more.sum() * rows / rows.sum()) ** 2).sum() * count / (count - 1.0)
-        found[channel] = float(more.sum()), float(np.sqrt(scatter))
+        every = twin.energies([], np.zeros(0), LOUDNESS_STRETCH)
+        energy, rows = (np.split(values, len(collection.channels["twin"])) for values in every)
+        floors = [Remains(one / evidences.scatter[channel], of, mine.noise) for one, of in zip(energy, rows)]
+        found[channel] = (*above(mine, floors[0]), tuple(float(floor.energy.sum()) for floor in floors))
     return found
 
 

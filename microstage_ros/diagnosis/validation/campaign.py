@@ -7,7 +7,6 @@ the catalogue does not hold, coverage of the stated intervals, held-out gain, ti
 
 import collections
 import dataclasses
-import math
 import time
 
 import numpy as np
@@ -15,21 +14,16 @@ import numpy as np
 from microstage_ros.diagnosis.batch import diagnose_records, on_cores
 from microstage_ros.diagnosis.fleet import on_cluster
 from microstage_ros.diagnosis.validation import fault_injection as hidden
-from microstage_ros.diagnosis.validation import second_world, simulated_records
+from microstage_ros.diagnosis.validation import ways as to_the_floor
 from microstage_ros.diagnosis.validation.simulated_records import Hidden
+from microstage_ros.diagnosis.validation.ways import CASES, SIGMAS
 from microstage_ros.model.axis_file import load_axis
 from microstage_ros.model.effects import effects_of
 
 KINDS = ("single", "healthy", "two", "outside")
 SHARES = (0.55, 0.15, 0.15, 0.15)          # of the kinds among mixed cases
 FRICTION = (0.02, 0.06)                    # range of the relative random friction
-WORLDS = {"first": simulated_records.make_case, "second": second_world.make_case}   # who makes the records
-TWINS = {"first": simulated_records.make_twin, "second": second_world.make_twin}
 RELIABILITY = (0.0, 0.8, 0.95, 1.0)       # edges of the classes of stated probabilities
-WHOLE_WAY = 0.9
-OVER_TWIN = "causes named, and 90 % of the way to the floor of the healthy twin"
-WITHIN_ERROR = OVER_TWIN + ", within 1.96 standard errors"
-SIGMAS = 1.96                              # of a 95 % interval
 NOTHING = "nothing"
 MOST_TERMS = 5     # of a ripple; longer lists are profiles
 
@@ -52,9 +46,8 @@ class Examination:
 class Outcome:
     """What became of a case; ``covered`` lists (parameter, inside its 95 % interval), ``stated`` (id, probability,
     χ² on held-out records, clarity, whether it was hidden) of every named cause, and ``doubted`` the same of those
-    too unlikely to be named; ``errors`` lists (parameter, error, standard error, truth); ``ways`` (id, whether it was
-    hidden, χ² that it takes from the held-out records, χ² that the causes leave in its channel above what the healthy
-    twin leaves of the same programme, standard error of that) of every named cause."""
+    too unlikely to be named; ``errors`` lists (parameter, error, standard error, truth); ``ways`` a `ways.Way` of every
+    named cause."""
 
     number: int
     kind: str
@@ -113,8 +106,8 @@ def examine(examination):
     axis = load_axis(examination.axis)
     what, friction = draw(examination)
     machine = axis, what, examination.seed * 100_003 + examination.number, friction
-    records, holdout, baseline = WORLDS[examination.world](*machine)
-    twin = TWINS[examination.world](*machine[:3], friction * _level(what)) if what.ids else ()
+    records, holdout, baseline = CASES[examination.world](*machine)
+    twin = to_the_floor.twins(examination.world, *machine)
     if not examination.baseline:  # the axis file alone says what noise there is
         baseline = []
     start = time.perf_counter()      # making the records does not count
@@ -125,7 +118,7 @@ def examine(examination):
         nothing = float("nan")
         return Outcome(**known, verdict="error", named=(), rivals=(), covered=(), before=nothing, after=nothing,
                        floor=nothing, seconds=time.perf_counter() - start, error=f"{type(error).__name__}: {error}")
-    gain = answer.gain
+    gain, seconds = answer.gain, time.perf_counter() - start
     return Outcome(
         **known,
         verdict=answer.verdict,
@@ -136,35 +129,22 @@ def examine(examination):
         before=gain.before if gain else float("nan"),
         after=gain.after if gain else float("nan"),
         floor=gain.floor if gain else float("nan"),
-        seconds=time.perf_counter() - start,
+        seconds=seconds,
         stated=_stated(answer.causes, what),
         doubted=_stated(answer.doubtful, what),
-        ways=tuple(_ways(answer, what)),
+        ways=to_the_floor.ways_of(examination.world, *machine, answer, baseline),
     )
-
-
-def _level(what):
-    """Factor on all of the friction that is hidden [1]: its random part grows with it, and no cause explains that part,
-    so the twin's friction varies by as many newtons."""
-    return what.effects.get("friction_level_change", {}).get("factor", 1.0)
 
 
 def _stated(causes, what):
     return tuple((c.id, c.probability, c.evidence, c.clarity, c.id in what.ids) for c in causes)
 
 
-def _ways(answer, what):
-    for cause in answer.causes:
-        # what lies outside the regression has no twin: what was left there by the baseline's floor
-        left = cause.evidence / cause.clarity - cause.evidence if cause.clarity > 0.0 else math.inf
-        yield cause.id, cause.id in what.ids, cause.evidence, *answer.floors.get(cause.channel, (left, 0.0))
-
-
 def covered(causes, truth):
     """(id.parameter, truth within 1.96 standard errors) for every scalar that was hidden and fitted by the same
     name."""
     for name, error, stderr, _ in errors_of(causes, truth):
-        yield name, bool(abs(error) <= 1.96 * stderr)
+        yield name, bool(abs(error) <= SIGMAS * stderr)
 
 
 def errors_of(causes, truth):
@@ -252,7 +232,7 @@ def scores(outcomes):
     right = [o for o in single if o.named[:1] == o.hidden]
     named = [o for o in outcomes if o.named]
     clarity = [one[3] for o in outcomes for one in o.stated]
-    ways = [way for o in outcomes for way in o.ways]
+    ways = [to_the_floor.Way(*way) for o in outcomes for way in o.ways]
     counts = {
         "single: right name first": (len(right), len(single)),
         "single: undetermined": (sum(o.verdict == "undetermined" for o in single), len(single)),
@@ -276,8 +256,7 @@ def scores(outcomes):
         "named, and 90 % of the way to the noise": (sum(o.removed >= 0.9 for o in named), len(named)),
         # of all channels together the floor of the quiet ones, which differs from record to record, is the larger part
         "causes named, and 90 % of the way in their own channel": (sum(c >= 0.9 for c in clarity), len(clarity)),
-        OVER_TWIN: (sum(reached(way) for way in ways), len(ways)),
-        WITHIN_ERROR: (sum(reached(way, sigmas=SIGMAS) for way in ways), len(ways)),
+        **to_the_floor.counts(ways),
         "errors": (sum(bool(o.error) for o in outcomes), len(outcomes)),
     }
     seconds = [o.seconds for o in outcomes]
@@ -285,19 +264,11 @@ def scores(outcomes):
         "held-out gain, median share of the way": float(np.nanmedian([o.removed for o in right]))
         if right
         else float("nan"),
+        "90 % of the way, expected if nothing were left but noise": to_the_floor.expected(ways),
         "seconds per case, median": float(np.median(seconds)),
         "seconds per case, longest": float(np.max(seconds)),
     }
     return counts, medians
-
-
-def reached(way, sigmas=0.0):
-    """Whether a cause goes 90 % of the way to the floor of the healthy twin; a wrong name never does.
-
-    ``way``: of `Outcome.ways`; ``sigmas``: standard errors of what is left that are forgiven [1].
-    """
-    _, hidden, part, left, stderr = way
-    return bool(hidden) and part >= WHOLE_WAY * (part + max(left - sigmas * stderr, 0.0))
 
 
 def reliability(outcomes):

@@ -29,7 +29,8 @@ from microstage_ros import diagnosis
 from microstage_ros.diagnosis.prerequisites.drive import drive_of
 from microstage_ros.diagnosis.prerequisites.encoder import seen_interpolation
 from microstage_ros.diagnosis.prerequisites.prerequisites import find_known
-from microstage_ros.diagnosis.validation.campaign import KINDS, WORLDS, draw, examinations, examine, said
+from microstage_ros.diagnosis.validation.campaign import KINDS, draw, examinations, examine, said
+from microstage_ros.diagnosis.validation.ways import CASES
 from microstage_ros.model.axis_file import load_axis
 from microstage_ros.places import config_file
 
@@ -164,7 +165,7 @@ def main(argv=None):
     """Print the range of every watched constant in which no decision of the cases turns."""
     parser = argparse.ArgumentParser(prog="margins", description=__doc__.split("\n")[0])
     parser.add_argument("--kind", nargs="+", default=["single"], choices=KINDS)
-    parser.add_argument("--world", nargs="+", default=["first"], choices=list(WORLDS))
+    parser.add_argument("--world", nargs="+", default=["first"], choices=list(CASES))
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--cases", type=int, default=27, help="of each kind in each world")
     parser.add_argument("--effect", nargs="+", default=[""], help="that every case has, one after the other")
@@ -191,7 +192,7 @@ def look_for_known(case):
     """Find what must be known of an `Examination` before any of its residuals means something: a gap, a slow amplifier,
     lines of the floor, a drive train far from the model's, a drift."""
     axis, (what, friction) = load_axis(case.axis), draw(case)
-    records = WORLDS[case.world](axis, what, case.seed * 100_003 + case.number, friction)
+    records = CASES[case.world](axis, what, case.seed * 100_003 + case.number, friction)
     groups = dict(zip(("learn", "held", "base"), records if case.baseline else (*records[:2], [])))
     find_known(groups, seen_interpolation(drive_of(axis), groups["base"]))
 

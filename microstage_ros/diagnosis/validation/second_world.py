@@ -16,7 +16,7 @@ import numpy as np
 from microstage_ros.control.laws.controller import make_controller
 from microstage_ros.control.runs.closed_loop import TRACE, run_loop, surroundings
 from microstage_ros.control.trajectories import profiles
-from microstage_ros.diagnosis.validation.simulated_records import CHUNK, NAMES, SEEN, Hidden
+from microstage_ros.diagnosis.validation.simulated_records import CHUNK, NAMES, SEEN, Hidden, noise_seed
 from microstage_ros.model.axis_file import axis_from_dict
 from microstage_ros.model.effects import REGISTRY
 from microstage_ros.model.effects.effect import BLOCKS, STRIBECK
@@ -90,12 +90,21 @@ def make_case(axis, hidden, seed, friction=0.04, law=None):
     return records[:2], records[2:3], records[3:]
 
 
-def make_twin(axis, hidden, seed, friction=0.04, law=None):
-    """The held-out records of `make_case` as the same machine makes them with nothing ``hidden`` in it: same
-    ``seed`` [1], so same programme and noise, and ``friction`` [1]; a list of `Record`."""
-    own = _habits_of(hidden, seed, friction, law)
+def make_twin(axis, hidden, seed, friction=0.04, draws=1):
+    """The held-out record of `make_case` as the same machine makes it with nothing ``hidden`` in it.
+
+    A list of ``draws`` [1] `Record` of the same programme and the same variation of the ``friction`` [1], the first
+    with the same noise by ``seed`` [1], the others with other noise."""
+    own = _habits_of(hidden, seed, friction, None)
     number = NAMES.index("hold")
-    return [_record(machine_of(axis, own), Hidden("healthy"), own, [seed, 78, number], NAMES[number])]
+    return [_record(machine_of(axis, own), Hidden("healthy"), own, [seed, 78, number], NAMES[number], draw)
+            for draw in range(draws)]
+
+
+def law_of(hidden, seed, friction):
+    """Name of the friction law of the machine in which this is ``hidden``; ``seed``, ``friction``: of `make_case`
+    [1]."""
+    return _habits_of(hidden, seed, friction, None).law
 
 
 def _habits_of(hidden, seed, friction, law):
@@ -129,13 +138,13 @@ def machine_of(axis, own):
     return axis_from_dict(tree, axis.place)
 
 
-def _record(axis, hidden, own, seed, name):
+def _record(axis, hidden, own, seed, name, draw=0):
     generator = np.random.default_rng(seed)
     period = axis.value("period")
     reference, off = program(generator, generator.uniform(-2.0e-3, 1.0e-3), period)
     plant = make_plant(axis, noise=own.noise, effects=hidden.effects)
     plant["varies"] = 1
-    state = new_state(plant, seed=int(generator.integers(2**31)), position=float(reference[0]), friction="random")
+    state = new_state(plant, seed=noise_seed(generator, draw), position=float(reference[0]), friction="random")
     vary = _variation(own, generator)
     gains = {} if own.controller in SELF_TUNED else {"proportional": own.proportional}
     controller, idle = make_controller(own.controller, axis, **gains), make_controller("none", axis)

@@ -62,20 +62,28 @@ def make_case(axis, hidden, seed, friction=0.04):
     return records[:2], records[2:3], records[3:]
 
 
-def make_twin(axis, hidden, seed, friction=0.04):
-    """The held-out records of `make_case` as the same axis makes them with nothing ``hidden`` in it: same
-    ``seed`` [1], so same programme and noise, and ``friction`` [1]; a list of `Record`."""
+def make_twin(axis, hidden, seed, friction=0.04, draws=1):
+    """The held-out record of `make_case` as the same axis makes it with nothing ``hidden`` in it.
+
+    A list of ``draws`` [1] `Record` of the same programme and ``friction`` [1], the first with the same noise by
+    ``seed`` [1], the others with other noise, their random friction included."""
     number = NAMES.index("hold")
-    return [_record(axis, Hidden("healthy"), friction, [seed, number], NAMES[number])]
+    return [_record(axis, Hidden("healthy"), friction, [seed, number], NAMES[number], draw) for draw in range(draws)]
 
 
-def _record(axis, hidden, friction, seed, name):
+def noise_seed(generator, draw):
+    """Seed of a simulated record's noise [1], of 31 bits; ``draw`` [1]: 0 is the case's own, others are others."""
+    own = int(generator.integers(2**31))
+    return own if draw == 0 else int(np.random.default_rng([own, draw]).integers(2**31))
+
+
+def _record(axis, hidden, friction, seed, name, draw=0):
     generator = np.random.default_rng(seed)
     period = axis.value("period")
     home = generator.uniform(-2.0e-3, 1.0e-3)
     reference, off = _program(generator, home, period)
     plant = make_plant(axis, noise=NoiseSpec(friction_relative=friction), effects=hidden.effects)
-    state = new_state(plant, seed=int(generator.integers(2**31)), position=float(reference[0]), friction="random")
+    state = new_state(plant, seed=noise_seed(generator, draw), position=float(reference[0]), friction="random")
     controller, idle = _pid(axis, generator), make_controller("none", axis)
     axis_arrays = [as_array(record) for record in (plant, state, new_work(plant), new_readings())]
     trace = np.empty((len(reference), len(TRACE)))

@@ -3,14 +3,15 @@
 import dataclasses
 import os
 
-from microstage_ros.diagnosis.validation import campaign
+from microstage_ros.diagnosis.validation import campaign, ways
 from microstage_ros.metrology.rates import rate
 from microstage_ros.places import SOURCE, config_file
 from microstage_ros.quantities.errors import InputError
 
 ANYWHERE = "a wrong name anywhere in the answer"
 SIZES = "sizes inside their 95 % interval"
-WAYS = ("causes named, and 90 % of the way in their own channel", campaign.OVER_TWIN, campaign.WITHIN_ERROR)
+WAYS = ("causes named, and 90 % of the way in their own channel", ways.OVER_TWIN, ways.WITHIN_ERROR,
+        ways.WITHOUT, ways.DECIDED)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -26,9 +26,10 @@ import numpy as np
 
 from microstage_ros import diagnosis
 from microstage_ros.diagnosis.batch import diagnose_records
-from microstage_ros.diagnosis.validation.campaign import WORLDS, examinations
+from microstage_ros.diagnosis.validation.campaign import examinations
 from microstage_ros.diagnosis.validation.campaign import draw as drawn
 from microstage_ros.diagnosis.validation.margins import modules_with
+from microstage_ros.diagnosis.validation.ways import CASES
 from microstage_ros.model.axis_file import load_axis
 from microstage_ros.places import config_file
 
@@ -149,7 +150,7 @@ def main(argv=None):
     parser = argparse.ArgumentParser(prog="variation", description=__doc__.split("\n")[0])
     parser.add_argument("--group", nargs="+", default=list(GROUPS), choices=list(GROUPS))
     parser.add_argument("--factors", nargs="+", type=float, default=[0.5, 2.0])
-    parser.add_argument("--world", default="first", choices=list(WORLDS))
+    parser.add_argument("--world", default="first", choices=list(CASES))
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--cases", type=int, default=1, help="of each effect, and as many healthy axes")
     parser.add_argument("--strength", type=float, default=1.0, help="of what is hidden, times the usual")
@@ -166,7 +167,7 @@ def main(argv=None):
         if (kind, effect, number) not in known:
             one = examinations(number + 1, given.seed, path, kind, given.strength, effect, given.world)[number]
             what, friction = drawn(one)
-            records = WORLDS[one.world](axis, what, given.seed * 100_003 + number, friction)
+            records = CASES[one.world](axis, what, given.seed * 100_003 + number, friction)
             known[kind, effect, number] = records, answer_of(axis, records)
         return known[kind, effect, number]
 
