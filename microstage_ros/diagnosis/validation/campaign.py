@@ -264,7 +264,7 @@ def scores(outcomes):
         "held-out gain, median share of the way": float(np.nanmedian([o.removed for o in right]))
         if right
         else float("nan"),
-        "90 % of the way, expected if nothing were left but noise": to_the_floor.expected(ways),
+        to_the_floor.EXPECTED: to_the_floor.expected(ways),
         "seconds per case, median": float(np.median(seconds)),
         "seconds per case, longest": float(np.max(seconds)),
     }

@@ -57,13 +57,16 @@ def campaign_table(world, earlier=None):
     lines, all_outcomes = ["| cases | figure | | 95 % interval |", "|---|---|---|---|"], []
     for number, part in enumerate(PARTS):
         outcomes = _examined(world, number) if earlier is None else earlier.get((part.kind, part.strength), [])
-        counts, _ = campaign.scores(outcomes) if outcomes else ({}, None)
+        counts, medians = campaign.scores(outcomes) if outcomes else ({}, {})
         all_outcomes += outcomes
         for figure in part.figures if outcomes else ():
             result = rate(*counts[figure])
             if result.cases:
                 lines.append(f"| {part.heading} | {figure.split(': ')[-1]} | {result.hits} of {result.cases} | "
                              f"{100 * result.low:.1f} … {100 * result.high:.1f} % |")
+        if outcomes and ways.WITHOUT in part.figures and counts[ways.WITHOUT][1]:
+            whole, of = medians[ways.EXPECTED], counts[ways.WITHOUT][1]
+            lines.append(f"| {part.heading} | {ways.EXPECTED} | {whole:.0f} of {of} | |")
     lines += ["", "| stated probability | mean stated | right | 95 % interval |", "|---|---|---|---|"]
     for low, high, mean, right, named in campaign.reliability(all_outcomes):
         result = rate(right, named)

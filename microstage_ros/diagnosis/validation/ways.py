@@ -36,6 +36,7 @@ CERTAIN = 5.0
 OVER_TWIN = "causes named, and 90 % of the way to the floor of the healthy twin"
 WITHIN_ERROR = OVER_TWIN + ", within 1.96 standard errors"
 WITHOUT = "causes named, and 90 % of the way to the floor of the machine without the cause"
+EXPECTED = "as many would if nothing were left but noise, expected"
 DECIDED = WITHOUT + ", of those that noise does not hide"
 
 

@@ -10,7 +10,7 @@ import pytest
 from microstage_ros.diagnosis.residuals.evidence_set import Choice
 from microstage_ros.diagnosis.result import Cause, Diagnosis
 from microstage_ros.diagnosis.selection.leftover import Remains, above, over_twin
-from microstage_ros.diagnosis.validation import campaign, second_world, simulated_records, ways
+from microstage_ros.diagnosis.validation import campaign, second_world, simulated_records, tables, ways
 from microstage_ros.diagnosis.validation.simulated_records import Hidden
 from microstage_ros.model.axis_file import load_axis
 from microstage_ros.places import config_file
@@ -168,3 +168,13 @@ def test_the_twin_of_another_level_varies_by_as_many_newtons(monkeypatch):
         campaign.examine(one)
         assert asked[-1] == pytest.approx(friction * what.effects["friction_level_change"]["factor"])
     assert ways.level_of(LAG) == 1.0
+
+
+def test_the_table_says_how_many_would_go_the_whole_way_if_nothing_were_left():
+    known = dict(number=0, kind="two", hidden=PAIR.ids, name="", verdict="explained", rivals=(), covered=(), before=1.0, after=0.5,
+                 floor=0.5, seconds=1.0, sizes={}, named=PAIR.ids)
+    outcome = campaign.Outcome(**known, ways=(way(0.0), way(150.0, without=50.0, noise=1e6)))
+    lines = tables.campaign_table("second", {("two", 1.0): [outcome]}).splitlines()
+    assert f"| pairs | {ways.EXPECTED} | 2 of 2 | |" in lines       # 1.5
+    assert any(line.startswith(f"| pairs | {ways.WITHOUT} | 2 of 2 |") for line in lines)
+    assert any(line.startswith(f"| pairs | {ways.DECIDED} | 1 of 1 |") for line in lines)
