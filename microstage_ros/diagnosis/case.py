@@ -190,11 +190,12 @@ def _answer(collection, evidences, choices, rivals, nonregression, holdout, note
     book = judge.ledger_of(evidences, choices)
     found = judge.findings_of(evidences, choices, GENERIC)
     units = _units(collection)
-    causes, unsure = [], []
+    causes, unsure, open_in = [], [], []
     for choice in choices:
         others = rivals.get(choice.effect, [])
         if others:
             unsure.append(judge.rivals_entry([choice.effect, *others]))
+            open_in.append(judge.cause_gain(evidences, choice, choices, units)[0])
         else:
             causes.append(_cause(evidences, choice, choices, units))
     known, course = nonregression
@@ -208,6 +209,9 @@ def _answer(collection, evidences, choices, rivals, nonregression, holdout, note
     causes += nonregression_causes(collection, known, course, causes, book, unsure)
     errors = {c.effect: unsteadiness(evidences, c, [o for o in choices if o is not c]) for c in choices}
     rattled = known.gap.held_before if known.gap is not None and known.gap.rattles else 0.0
+    left, swinging = judge.leftovers(found), swings_in_time(collection, evidences, choices)
+    above = [*scattered, *(name for name in swinging if name not in scattered)]
+    book = book.where_it_stands([*open_in, *above, *(one.channel for one in (*causes, *left))])
     causes, doubtful = likely(_with_shares(causes, book), unsure, errors, rattled)
     causes, unsure, swings = limit_cycle.judged(
         _at_limit(collection), causes, unsure, scattered, errors,
@@ -215,7 +219,6 @@ def _answer(collection, evidences, choices, rivals, nonregression, holdout, note
     notes += [swings] if swings else []
     if doubtful:
         notes.append(f"Beside the causes, too unlikely to be named: {', '.join(c.id for c in doubtful)}.")
-    left = judge.leftovers(found)
     if not (left or causes or unsure):
         left = judge.of_learning_records(found)
         notes += (
@@ -223,8 +226,6 @@ def _answer(collection, evidences, choices, rivals, nonregression, holdout, note
             if left
             else []
         )
-    swinging = swings_in_time(collection, evidences, choices)
-    above = [*scattered, *(name for name in swinging if name not in scattered)]
     by_size, words = scatter_findings(collection, evidences, choices, above)
     words |= {name: f"what is left in {name} swings in time ({at:.2g} Hz)" for name, at in swinging.items()}
     if above:

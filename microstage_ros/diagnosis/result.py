@@ -37,7 +37,8 @@ class Cause:
     parameters : fitted sizes by parameter name.
     effect : the entry of an axis file's ``effects`` section that makes the model show this cause.
     probability : that the cause is real and rightly named, 0 … 1.
-    share : fraction (0 … 1) of what stood out of the noise on the held-out records that it removes.
+    share : fraction (0 … 1) of what stood out of the noise on the held-out records that it removes; a channel in which
+    no cause shows and nothing stands above the noise floor is noise.
     gain : rms on the held-out records of the residual channel in which the cause shows.
     channel : that channel, for instance ``"voltage"``, ``"current"``, ``"position"``.
     sentence : what it means for a technician, in one sentence with size and unit.

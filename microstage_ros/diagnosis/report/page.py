@@ -166,7 +166,8 @@ def _causes(page, causes):
     page.table(
         ("cause", "what it does", "share", "residual before", "after"),
         rows,
-        "Share: of what stood out of the noise on held-out records. Residuals: rms there, without and with the cause.",
+        "Share: of what stood out of the noise on held-out records; what is left counts where a cause shows or where"
+        " something stands above the noise floor. Residuals: rms there, without and with the cause.",
     )
     with page.details("Fitted sizes with their 95 % intervals"):
         page.table(

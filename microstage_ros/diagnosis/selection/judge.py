@@ -69,6 +69,8 @@ LEAST_EVIDENCE = 115.0
 # of what stood out, above which something is left; calibrated by: validation.margins --kind two --world second --seed
 # 18001 --cases 100 (0.004 to 0.113)
 LEFT_SHARE = 0.08
+METRIC = ("rms of the residual over its noise, all channels; a channel in which nothing stands out and no cause shows"
+          " is noise, and enters the floor as it is")
 COORDINATES = {
     "position": "position", "direction": "direction", "acceleration": "acceleration", "voltage": "voltage",
     "time": "time", "friction in time": "time", "viscous in time": "time", "velocity": "velocity", "speed": "velocity",
@@ -326,13 +328,13 @@ def _shown_by_more_than_the_reading(evidences, choices):
 
 
 def overall_gain(book, names):
-    """`OverallImprovement` as root mean square of the standardised residual, with the interval of after."""
+    """`OverallImprovement` as root mean square of the standardised residual, with the interval of after; the floor is
+    the book's."""
     rows = max(book.rows, 1)
     before, after, floor = (math.sqrt(max(v, 0.0) / rows) for v in (book.before, book.after, book.floor))
     # derived: 95 % of a Gaussian; the relative standard error of an rms of n values is 1/√(2n)
     half = 1.96 / math.sqrt(2.0 * rows) * after
-    return OverallImprovement("rms of the residual over its noise, all channels", "1", tuple(names), before, after,
-                              floor, (after - half, after + half))
+    return OverallImprovement(METRIC, "1", tuple(names), before, after, floor, (after - half, after + half))
 
 
 def rivals_entry(ids):

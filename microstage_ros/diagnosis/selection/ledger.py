@@ -23,12 +23,25 @@ class Ledger:
         """What stood out of the noise."""
         return max(self.before - self.floor, 1e-9)  # derived: a divisor, never nothing
 
+    def where_it_stands(self, channels):
+        """The same `Ledger` with the floor by which verdict and shares are judged.
+
+        In ``channels``, those of the causes, of a dependence that is left and of what stands above the noise, it is the
+        healthy level or the model's noise, whichever is louder (`above_noise`). Elsewhere nothing stands out, and what
+        is there is noise: how loud a quiet channel is differs from record to record by more than a small cause holds,
+        and taken for something that stood out it would make a cause that explains all of it look like a part.
+        """
+        return dataclasses.replace(self, floor=self.after - self._left_in(channels))
+
+    def _left_in(self, channels):
+        return sum(self.above_noise.get(channel, 0.0) for channel in set(channels))
+
     def remaining(self, channels):
         """Share [1] of what stood out that is left in these ``channels``: those of the causes, and of what depends on
         something still. How loud another one is differs from record to record by more than a small cause holds, and is
         asked by `stands_out`.
         """
-        left = sum(self.above_noise.get(channel, 0.0) for channel in set(channels))
+        left = self._left_in(channels)
         return left / max(self.before - self.after + left, 1e-9)  # derived: a divisor, never nothing
 
 

@@ -206,6 +206,15 @@ def test_what_is_left_counts_where_the_causes_are():
     assert Ledger().remaining(["torque"]) == 0.0
 
 
+def test_a_quiet_channel_without_a_cause_is_noise_and_makes_no_share_smaller():
+    """A cause takes 10 and leaves nothing; the position, where nothing stands out, is 50 louder than the baseline was."""
+    book = Ledger(before=200.0, after=190.0, floor=140.0, above_noise={"torque": 0.0, "position": 50.0}, parts={"cable_spring": 10.0})
+    assert book.where_it_stands(["torque"]).excess == 10.0
+    assert book.where_it_stands(["torque", "position"]).excess == 60.0 == book.excess
+    assert book.where_it_stands(["torque"]).remaining(["torque"]) == book.remaining(["torque"]) == 0.0
+    assert judge.overall_gain(book.where_it_stands(["torque"]), ["hold"]).floor == judge.overall_gain(book, ["hold"]).after
+
+
 def test_what_is_no_louder_than_the_models_noise_is_not_left():
     """Of a channel that is 0.6 of it in the baseline and 0.9 in the held-out records, nothing; of 1.5, half."""
     for size, above_noise in ((0.9, 0.0), (1.5, 0.5)):
