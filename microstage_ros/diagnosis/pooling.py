@@ -11,6 +11,7 @@ import pathlib
 
 import numpy as np
 
+from microstage_ros.diagnosis.report.wording import is_measured
 from microstage_ros.diagnosis.result import (
     Cause, Diagnosis, Finding, Improvement, OverallImprovement, Parameter, Picture, Rivals
 )
@@ -137,7 +138,7 @@ def _verdict(reports, causes, rivals):
 
 
 def _gain(reports):
-    gains = [report["gain"] for report in reports if report["gain"]]
+    gains = [report["gain"] for report in reports if is_measured(report)]
     if not gains:
         return None
     before, after, floor = (_rms([gain[key] for gain in gains]) for key in ("before", "after", "floor"))

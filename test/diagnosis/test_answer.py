@@ -104,7 +104,9 @@ def test_the_page_says_what_the_report_says_and_needs_nothing_beside_it(diagnosi
 @pytest.mark.parametrize("verdict", VERDICTS)
 def test_every_verdict_has_a_page(verdict, axis, tmp_path):
     report = write_answer(Diagnosis(verdict), axis, tmp_path, SOURCES)
-    assert report["gain"] is None and SENTENCES[verdict] in (tmp_path / "report.html").read_text()
+    assert set(report["gain"]) == {"metric", "unit", "records", "before", "after", "floor", "ci95"}      # of every verdict
+    assert report["gain"]["records"] == SOURCES["records"] and report["gain"]["ci95"] == [None, None]
+    assert "not measured" in report["gain"]["metric"] and SENTENCES[verdict] in (tmp_path / "report.html").read_text()
     assert verdict in TONES
 
 

@@ -47,7 +47,7 @@ def report_fields(diagnosis, experiments, axis, sources):
             {"ids": list(rivals.ids), "why": rivals.why, "experiment": name}
             for rivals, name in zip(diagnosis.rivals, experiments)
         ],
-        "gain": None if gain is None else gain_fields(gain),
+        "gain": unmeasured(sources) if gain is None else gain_fields(gain),
         "extended_axis": "extended.yaml",
         "findings": finding_fields(diagnosis.findings),
         "identified": {key: _parameter(number) for key, number in diagnosis.identified.items()},
@@ -86,6 +86,17 @@ def gain_fields(gain):
         "after": plain(gain.after),
         "floor": plain(gain.floor),
         "ci95": [plain(v) for v in gain.ci95],
+    }
+
+
+def unmeasured(sources):
+    """The field ``gain`` of report.json where no residual could be made of the records: its keys, and no numbers."""
+    return {
+        "metric": "not measured: no residual could be made of the records, see the notes",
+        "unit": "1",
+        "records": [str(name) for name in sources.get("holdout") or sources.get("records", ())],
+        **dict.fromkeys(("before", "after", "floor")),
+        "ci95": [None, None],
     }
 
 

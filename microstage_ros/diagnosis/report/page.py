@@ -5,7 +5,7 @@ Takes the mapping of report.json for every number, so that page and file cannot 
 """
 
 from microstage_ros.diagnosis.report.drawing import curves, strengths
-from microstage_ros.diagnosis.report.wording import TONES, VERDICTS, advice_for, name_of
+from microstage_ros.diagnosis.report.wording import TONES, VERDICTS, advice_for, is_measured, name_of
 from microstage_ros.report.page import Page
 from microstage_ros.quantities.readable import quantity
 
@@ -35,7 +35,7 @@ def write_page(report, diagnosis, axis, path):
     page = Page("Where the axis and its model part", axis.name, configuration=report["axis"], seed=report["seed"],
                 about={kind.capitalize(): _sources(names) for kind, names in report["sources"].items()})
     page.verdict(headline(report), TONES[report["verdict"]], more=_more(report))
-    if report["gain"]:
+    if is_measured(report):
         if not _stands_out(report):
             page.key_figures(_of_learning_records(report))
         else:
@@ -68,7 +68,7 @@ def _sources(names):
 
 
 def _more(report):
-    removed = _removed(report["gain"]) if report["gain"] and report["causes"] else None
+    removed = _removed(report["gain"]) if report["causes"] else None
     return (
         ""
         if removed is None
@@ -230,7 +230,7 @@ def _where(page, diagnosis):
 def _details(page, report, axis):
     page.section("Details")
     gain = report["gain"]
-    if gain:
+    if is_measured(report):
         page.text(f"Measure: {gain['metric']}. Held out: {', '.join(gain['records'])}.")
     if report["notes"]:
         page.list(report["notes"])

@@ -48,3 +48,9 @@ def _plain(name):
         if name.endswith(suffix) and len(name) > len(suffix):
             return name[: -len(suffix)].replace("_", " ")
     return name.replace("_", " ")
+
+
+def is_measured(report):
+    """Whether the field ``gain`` of a ``report``, the mapping of report.json, holds numbers; without any nothing is
+    said of it."""
+    return None not in (report["gain"][key] for key in ("before", "after", "floor"))
