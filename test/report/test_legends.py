@@ -1,11 +1,16 @@
 """A legend lies on no curve: it stands above its plot, in the wide form and in the narrow one."""
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from microstage_ros.control.evaluation.comparison import CONTROLLERS
 from microstage_ros.commands.analysis import log
 from microstage_ros.commands.operation import demo_report
+from microstage_ros.commissioning import report
+from microstage_ros.commissioning.estimation.frequency_response import MeasuredMargins, Response
 from microstage_ros.diagnosis.logs.report.pictures import course
 from microstage_ros.diagnosis.logs.selection.course import Point
 from microstage_ros.diagnosis.report.drawing import curves, strengths
@@ -14,6 +19,8 @@ from microstage_ros.report.comparison_figures import moves_figure, tracking_figu
 from microstage_ros.report.drawing_file import drawing, narrowed
 from microstage_ros.report.page import LARGEST_SVG
 from microstage_ros.report.plots import legend_above, new_figure
+
+PACKAGE = Path(__file__).resolve().parents[2] / "microstage_ros"
 
 
 def covered(figure):
@@ -65,6 +72,14 @@ def timing():
     return demo_report._timing_figure({"timing": row})
 
 
+def bode():
+    """A plant of which the smaller numbers lie where a legend used to."""
+    frequency = np.geomspace(5.0, 900.0, 40)
+    plain = np.ones(40)
+    return report._bode([Response(what, condition, frequency, 1e-4 / frequency / (1 + 1j * frequency / 50), plain, plain, 0.02 * plain)
+                         for what, condition in (("plant", "sliding"), ("plant", "rest"), ("plant", "sliding"), ("loop", "sliding"))])
+
+
 X = np.linspace(0.0, 1.0, 400)
 FIGURES = {
     "one": lambda: plotted(["measured", "model"]),
@@ -75,6 +90,7 @@ FIGURES = {
     "course": lambda: course([Point(f"log {k}", 0, 0.1 * k, 0.1, k < 3) for k in range(8)], "change\n[% of the level]", [3]),
     "moves": moves,
     "response times": timing,
+    "frequency response": bode,
 }
 
 
@@ -108,6 +124,24 @@ def test_response_times_are_read_with_their_unit():
     assert {"10 µs", "100 µs", "1 ms", "10 ms"} <= {label.get_text() for label in axes.get_xticklabels()}
 
 
+def test_margins_have_as_many_digits_as_their_doubt_lets_stand():
+    """A gain margin was stated as 2.4 dB ± 0.0 dB, and one that is not there as inf."""
+    said = report._margins_in_words(MeasuredMargins(26.1, 0.06, 2.4137, 0.014, 64.2, 4.6, 3745.0))
+    assert "phase margin 26.10 ± 0.12 °" in said and "gain margin 2.414 ± 0.028 dB" in said
+    assert "gain margin none, no crossing" in report._margins_in_words(MeasuredMargins(26.1, 0.06, np.inf, 0.0, 64.2, 4.6, 3745.0))
+
+
+def test_friction_along_the_travel_is_drawn_in_its_own_scale():
+    """Forwards and backwards in one plot were two straight lines."""
+    class Command:
+        quantity, unit = "voltage", "V"
+
+    place = np.linspace(-0.02, 0.02, 30)
+    plots = report._along(np.stack([place, 1.45 + 0.1 * place, -1.45 + 0.1 * place], axis=1), Command).axes
+    assert [axes.get_title(loc="left") for axes in plots] == ["forwards", "backwards"]
+    assert all(np.ptp(axes.get_ylim()) < 0.01 and axes.get_ylabel() == "voltage [V]" for axes in plots)
+
+
 def test_the_picture_of_a_log_names_its_shades_and_a_magnitude(tmp_path):
     """Grey and yellow were told in the caption alone, and a current without sign had the label of one with."""
     time = np.arange(0.0, 8.0, 0.01)
@@ -131,3 +165,9 @@ def test_a_plot_without_names_has_no_legend():
     axes.plot([0, 1])
     legend_above(axes)
     assert axes.get_legend() is None
+
+
+def test_every_legend_of_the_package_is_placed_so():
+    """Whoever draws asks the one owner; `axes.legend` puts it where curves may be."""
+    own = [str(path.relative_to(PACKAGE)) for path in PACKAGE.rglob("*.py") if re.search(r"\.legend\(", path.read_text(encoding="utf-8"))]
+    assert own == ["report/plots.py"]
