@@ -10,9 +10,9 @@ from microstage_ros.commissioning.findings import CHECKS
 from microstage_ros.commissioning.estimation.frequency_response import write_responses
 from microstage_ros.commissioning.store import write_json
 from microstage_ros.quantities.command import VOLTAGE
-from microstage_ros.quantities.readable import people, quantity
+from microstage_ros.quantities.readable import interval, people, quantity, unit_sign
 from microstage_ros.report.page import Page
-from microstage_ros.report.plots import COLOURS, new_figure
+from microstage_ros.report.plots import COLOURS, legend_above, new_figure
 
 TONE = {"ready": "good", "refused": "bad", "stopped": "caution"}
 
@@ -111,21 +111,23 @@ def page(outcome, machine, provenance):
         about={"Backend": provenance.get("backend", "")},
     )
     what = {"ready": "Ready.", "refused": "Refused.", "stopped": "Stopped before the end."}[outcome.verdict]
-    made.verdict(f"{what} {outcome.says}", TONE[outcome.verdict], f"The machine is at zero {machine.command.quantity}.")
+    said = f"{what} {outcome.says.rstrip('.')}."
+    made.verdict(said, TONE[outcome.verdict], f"The machine is at zero {machine.command.quantity}.")
     if outcome.moves:
         made.key_figures(
             [
                 (
                     f"4s at {row['target_m'] * 1e6:g} µm",
                     quantity(row["four_s_m"], "m", 2),
-                    f"bias {quantity(row['bias_m'], 'm', 2)}",
+                    f"95 %: {_between(row['four_s_interval_m'])}; bias {quantity(row['bias_m'], 'm', 2)}; by the"
+                    " encoder",
                 )
                 for row in outcome.moves
             ]
         )
     made.section("Checks")
     rows = [
-        (c.id, f"{'passed' if c.passed else 'FAILED'}: {c.says}")
+        (c.id, f"{'passed' if c.passed else 'FAILED'}: {unit_sign(c.says)}")
         for c in sorted(outcome.checks.values(), key=lambda c: CHECKS.index(c.id))
     ]
     made.table(
@@ -139,7 +141,8 @@ def page(outcome, machine, provenance):
         made.section("Frequency response")
         made.figure(
             _bode(outcome.responses),
-            "Measured responses; bands of two standard deviations; lines below a coherence of 0.5 are left out.",
+            "Measured responses; bands of two standard deviations; lines below a coherence of 0.5 are not drawn; the"
+            " margins weigh every line of the loop by its doubt.",
             "Magnitude and phase against frequency",
         )
         if outcome.margins:
@@ -147,7 +150,8 @@ def page(outcome, machine, provenance):
     if outcome.along is not None:
         made.section("Along the travel")
         command = machine.command
-        made.figure(_along(outcome.along, command), f"Mean {command.quantity} at constant speed, by direction.",
+        made.figure(_along(outcome.along, command),
+                    f"Mean {command.quantity} at constant speed by direction, each in a scale of its own.",
                     f"{command.quantity.capitalize()} against position")
     if outcome.moves:
         made.section("Moves")
@@ -158,7 +162,7 @@ def page(outcome, machine, provenance):
                 "bias [nm]",
                 "4s [nm]",
                 "95 % interval [nm]",
-                "settling, median [ms]",
+                "settling after the reference, median [ms]",
                 "reversal B [nm]",
                 "both sides R [nm]",
             ),
@@ -166,17 +170,18 @@ def page(outcome, machine, provenance):
                 (
                     f"{row['target_m'] * 1e6:g}",
                     row["n"],
-                    f"{row['bias_m'] * 1e9:+.1f}",
-                    f"{row['four_s_m'] * 1e9:.1f}",
-                    "{:.0f} to {:.0f}".format(*(1e9 * v for v in row["four_s_interval_m"])),
+                    _signed(row["bias_m"]),
+                    f"{row['four_s_m'] * 1e9:.2f}",
+                    "{:.2f} to {:.2f}".format(*(1e9 * v for v in row["four_s_interval_m"])),
                     f"{row['settling_s'] * 1e3:.0f}",
-                    f"{row['reversal_m'] * 1e9:+.1f}",
-                    f"{row['bidirectional_m'] * 1e9:.1f}",
+                    _signed(row["reversal_m"]),
+                    f"{row['bidirectional_m'] * 1e9:.2f}",
                 )
                 for row in outcome.moves
             ],
             "Bias, 4s and settling of the approaches in the positive direction, reversal and both sides with five more"
-            " from above (ISO 230-2); errors by the encoder, mean over the last 0.1 s at rest.",
+            " from above (ISO 230-2); errors by the encoder, mean over the last 0.1 s at rest. Settling: from the end"
+            " of the reference until the encoder stays within two counts, 50 nm at least; 0: it never left them.",
         )
         made.text(
             "ISO 230-2 over these targets: "
@@ -202,6 +207,17 @@ def page(outcome, machine, provenance):
         made.list(outcome.remarks)
     made.note("Signed: ______________________   Date: ______________")
     return made
+
+
+def _signed(value):
+    """A length [m] in nm with its sign, which a zero has not."""
+    text = f"{value * 1e9:+.2f}"
+    return text if text.strip("+-0.") else "0.00"
+
+
+def _between(ends):
+    low, high = ends
+    return interval(low, high, "m", 2)
 
 
 def _instrument(name, value):
@@ -246,12 +262,14 @@ def _period(made, outcome):
 def _margins_in_words(m):
     """A sentence or two on `MeasuredMargins`."""
     def of(what, value, error, unit):
-        return f"{value:.1f}{unit} ± {2 * error:.1f}{unit}" + (" (modelled)" if what in m.modelled else "")
+        if not math.isfinite(value):
+            return "none, no crossing"
+        return quantity(value, unit, 3, 2 * error) + (" (modelled)" if what in m.modelled else "")
 
     said = (
         f"Loop in motion, measured up to {m.highest_Hz:.0f} Hz: phase margin "
         f"{of('phase', m.phase_deg, m.phase_error_deg, '°')}, gain margin "
-        f"{of('gain', m.gain_dB, m.gain_error_dB, ' dB')}, crossover {m.crossover_Hz:.0f} Hz, largest sensitivity"
+        f"{of('gain', m.gain_dB, m.gain_error_dB, 'dB')}, crossover {m.crossover_Hz:.0f} Hz, largest sensitivity"
         f" {m.sensitivity:.2g} there."
     )
     if m.modelled:
@@ -295,18 +313,18 @@ def _bode(found):
         bottom.semilogx(r.frequency, phase, color=COLOURS[colour])
         band = 2 * np.degrees(r.relative)
         bottom.fill_between(r.frequency, phase - band, phase + band, color=COLOURS[colour], alpha=0.25)
-    top.set_ylabel("magnitude")
-    top.legend(loc="lower left")
+    top.set_ylabel("magnitude\n[µm/V], of the loop [1]")
+    legend_above(top)
     bottom.set_ylabel("phase [°]")
     bottom.set_xlabel("frequency [Hz]")
     return figure
 
 
 def _along(rows, command):
-    figure, axes = new_figure(height=2.2)
-    axes.plot(rows[:, 0] * 1e3, rows[:, 1], color=COLOURS["blue"], label="forwards")
-    axes.plot(rows[:, 0] * 1e3, rows[:, 2], color=COLOURS["orange"], label="backwards")
-    axes.set_xlabel("position [mm]")
-    axes.set_ylabel(f"{command.quantity} [{command.unit}]")
-    axes.legend()
+    figure, plots = new_figure(2, 1, height=1.5, sharex=True)
+    for axes, column, colour, way in zip(plots, (1, 2), ("blue", "orange"), ("forwards", "backwards")):
+        axes.plot(rows[:, 0] * 1e3, rows[:, column], color=COLOURS[colour])
+        axes.set_title(way)
+        axes.set_ylabel(f"{command.quantity} [{command.unit}]")
+    plots[-1].set_xlabel("position [mm]")
     return figure

@@ -5,7 +5,7 @@ import numpy as np
 from microstage_ros.identification.estimators.estimate import DETERMINED_HALF_WIDTH
 from microstage_ros.report.page import Page
 from microstage_ros.quantities.readable import interval, people
-from microstage_ros.report.plots import COLOURS, new_figure, readable
+from microstage_ros.report.plots import COLOURS, legend_above, new_figure, readable
 
 MOST_POINTS = 3000
 
@@ -113,7 +113,7 @@ def draw(curve):
         for each in axes:
             each.set_xscale("log")
     axes[0].set(title=curve.title, ylabel=y_label)
-    axes[0].legend()
+    legend_above(axes[0])
     if curve.residual is not None:
         fine, residual_label = readable(curve.y_label, [curve.residual])
         axes[1].plot(across * curve.x[pick], fine * curve.residual[pick], ".", markersize=2.5, color=COLOURS["grey"])

@@ -259,7 +259,8 @@ def identify_whole_axis(signals, axis, known):
         )
     )
     result.remarks.append(
-        f"Torque balance: residual {np.std(error) * 1e6:.3g} µN m of {np.std(torque) * 1e6:.3g} µN m rms."
+        f"Torque balance: residual {quantity(float(np.std(error)), 'N m')} of {quantity(float(np.std(torque)), 'N m')}"
+        " rms."
     )
     expected = 2.0 * max(axis.value("variability.relative"), 0.03) * float(np.median(np.abs(torque)))
     if np.std(error) > expected:

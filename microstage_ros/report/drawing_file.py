@@ -9,8 +9,6 @@ NARROW_INCH = 4.1
 """Width of the form for narrow windows: text keeps its size at 390 pixels."""
 
 NARROWEST_ROW_INCH = 2.1
-SHORT_LABEL = 18
-"""Letters of a label of which two stand side by side in the narrow form."""
 JOINED_FROM = 60
 """Markers in a row that are joined to one path."""
 INK = {"#1d2329": "ink", "#000000": "ink", "#59636e": "soft", "#e4e8ec": "line", "#d8dde3": "line", "#8a949e": "soft",
@@ -33,7 +31,7 @@ def drawing(figure, salt, narrow=False):
     -------
     str : the element, the same for the same figure and salt.
     """
-    return _as_page_element(_svg(_narrowed(figure) if narrow else figure, salt))
+    return _as_page_element(_svg(narrowed(figure) if narrow else figure, salt))
 
 
 def standalone(element: str, palette: str) -> str:
@@ -48,20 +46,18 @@ def standalone(element: str, palette: str) -> str:
     return element.replace("<svg ", head, 1).replace(">", f">\n<style>{palette}</style>", 1) + "\n"
 
 
-def _narrowed(figure):
-    """A copy of the figure, laid out for a narrow window."""
+def narrowed(figure):
+    """A copy of the ``figure``, laid out for a narrow window."""
+    from microstage_ros.report.plots import legend_above  # it imports matplotlib
+
     figure = pickle.loads(pickle.dumps(figure))
     rows = max(
         (axes.get_subplotspec().get_gridspec().nrows for axes in figure.axes if axes.get_subplotspec()), default=1
     )
     figure.set_size_inches(NARROW_INCH, max(figure.get_size_inches()[1], NARROWEST_ROW_INCH * rows))
     for axes in figure.axes:
-        handles, labels = axes.get_legend_handles_labels()
-        if axes.get_legend() is not None and handles:
-            short = max(map(len, labels)) <= SHORT_LABEL
-            titled = axes.get_title(loc="left") or axes.get_title()
-            place = {"loc": "best"} if titled else {"loc": "lower left", "bbox_to_anchor": (0.0, 1.0)}
-            axes.legend(handles, labels, ncols=2 if short and not titled else 1, **place)
+        if axes.get_legend() is not None:
+            legend_above(axes)
         axes.locator_params(axis="x", nbins=5) if axes.get_xscale() == "linear" and _plain_ticks(axes.xaxis) else None
     return figure
 

@@ -33,6 +33,9 @@ TONES = {"good": "✓", "caution": "!", "bad": "✗", "neutral": "i"}
 LARGEST_SVG = 300_000
 """Characters beyond which a drawing is kept as a picture of pixels."""
 
+MOST_COLUMNS = 6
+"""Columns of a table beyond which it may be broader than the text, where the window is."""
+
 PICTURE_DPI = 180
 SCREEN_DPI = 96
 
@@ -154,9 +157,10 @@ class Page:
 
     def html(self):
         """The page as text."""
-        environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined)
-        environment.filters |= {"breakable": breakable, "short": is_short}
-        environment.globals |= {"style": Markup(_beside("page.css")), "script": Markup(_beside("page.js"))}
+        environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, finalize=typeset)
+        environment.filters |= {"breakable": breakable, "short": is_short, "lines": code_lines}
+        environment.globals |= {"style": Markup(_beside("page.css")), "script": Markup(_beside("page.js")),
+                                "most": MOST_COLUMNS}
         template = environment.from_string(_beside("page.html"))
         return template.render(title=self.title, subtitle=self.subtitle, verdict=self._verdict, lead=self._lead,
                                sections=self._sections, about=self._about)
@@ -176,13 +180,35 @@ def is_short(text):
     return _is_numeric(text) and max(map(len, text.split("\n"))) < 26
 
 
+HYPHEN = re.compile(r"(?<![^\s(±…])-(?=\.?\d)")
+PERCENT = re.compile(r"(?<=\d)[ \u202f]?%")
+TIMES = re.compile(r"(?<=[a-z]) x (?=\d)")
+
+
+def typeset(value):
+    """A text as a book sets it: a minus before negative numbers, a space that does not break before per cent.
+
+    Parameters
+    ----------
+    value : what the template shows, of any type [any unit]; markup, such as code and drawings, stays as it is.
+    """
+    if not isinstance(value, str) or isinstance(value, Markup):
+        return value
+    return TIMES.sub(" × ", PERCENT.sub("\u00a0%", HYPHEN.sub("−", value)))
+
+
 LONG_WORD = re.compile(r"[\w./-]{12,}")
 
 
 def breakable(text):
     """A cell's text in which long names may break after ``_``, ``.`` and ``/``, not within a word: in narrow
     windows."""
-    return Markup(LONG_WORD.sub(lambda word: re.sub(r"([_./])(?=\w)", r"\1<wbr>", word[0]), str(escape(text))))
+    return Markup(LONG_WORD.sub(lambda word: re.sub(r"([_./])(?=\w)", r"\1<wbr>", word[0]), str(escape(typeset(text)))))
+
+
+def code_lines(text):
+    """Code whose long lines go on below, further in, and are copied as they are."""
+    return Markup("").join(Markup("<span>{}\n</span>").format(line) for line in text.rstrip("\n").split("\n"))
 
 
 def picture(figure):

@@ -1,11 +1,13 @@
 """Figures of the reports: one look, colours that everyone can tell apart, long signals kept honest."""
 
 import re
+import textwrap
 
 import numpy as np
 from cycler import cycler
 from matplotlib import rcParams
 from matplotlib.figure import Figure
+from matplotlib.transforms import ScaledTranslation
 
 from microstage_ros.quantities.readable import PREFIXES, exponent_of
 
@@ -23,6 +25,12 @@ LOOK = {
     "axes.prop_cycle": cycler(color=[COLOURS[name] for name in CYCLE]),
 }
 FULL_WIDTH_INCH = 9.5
+SHORTEST_LINE = 10
+"""Letters of a legend's line, at least."""
+
+TITLE_INCH = 0.23
+"""Height of a plot's title with the space below it: above it stands the legend."""
+
 POINTS = 1600
 """Points that a line across the page can show, smallest and largest of each."""
 
@@ -43,6 +51,32 @@ def new_figure(rows=1, columns=1, height=2.6, width=FULL_WIDTH_INCH, **options):
     rcParams.update(LOOK)  # titles and legends are made later and look there too
     figure = Figure(figsize=(width, height * rows), layout="constrained")
     return figure, figure.subplots(rows, columns, **options)
+
+
+def legend_above(axes, most=0.8):
+    """The legend of a plot above it, where no curve can be: at the left, over the plot's own title.
+
+    Parameters
+    ----------
+    axes : whose labelled curves it names; nothing is drawn where none has a label.
+    most : share of the figure's width that a row of it may take [1].
+    """
+    handles, labels = axes.get_legend_handles_labels()
+    if not handles:
+        return
+    figure, letters = axes.figure, max(map(len, labels))
+    titled = axes.get_title(loc="left") or axes.get_title()
+    above = ScaledTranslation(0.0, TITLE_INCH if titled else 0.0, figure.dpi_scale_trans)
+    width = most * figure.bbox.width
+    for columns in [*range(len(labels), 0, -1), 1, 1, 1]:
+        wrapped = [textwrap.fill(label, letters) for label in labels]
+        legend = axes.legend(handles, wrapped, ncols=columns, loc="lower left", bbox_to_anchor=(0.0, 1.0),
+                             bbox_transform=axes.transAxes + above, borderaxespad=0.3, borderpad=0.2)
+        taken = legend.get_window_extent().width
+        if taken <= width:
+            return
+        if columns == 1:  # a name too long for one line goes on in the next
+            letters = max(int(0.9 * letters * width / taken), SHORTEST_LINE)
 
 
 def decimate(x, y, points=POINTS):

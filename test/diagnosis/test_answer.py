@@ -1,5 +1,6 @@
 """The files of an answer: report.json as the contract has it, extended.yaml that runs, a page, experiments."""
 
+import dataclasses
 import json
 
 import numpy as np
@@ -11,7 +12,7 @@ from microstage_ros.control.runs.simulate import simulate
 from microstage_ros.diagnosis.report.answer import write_answer
 from microstage_ros.diagnosis.report.experiment import WHY, separating_run
 from microstage_ros.diagnosis.report.page import headline
-from microstage_ros.diagnosis.report.wording import TONES
+from microstage_ros.diagnosis.report.wording import TONES, worded
 from microstage_ros.diagnosis.report.wording import VERDICTS as SENTENCES
 from microstage_ros.diagnosis.result import (
     VERDICTS,
@@ -126,3 +127,18 @@ def test_a_sure_cause_is_not_said_to_be_untold():
     said = headline(report)
     assert said.startswith("Found: ") and "cannot tell what: " not in said and " Open: " in said
     assert headline(report | {"causes": []}).startswith(SENTENCES["undetermined"])
+
+
+def test_the_page_calls_effects_by_their_names():
+    """Their ids are report.json's: a sentence that explains rivals had them, and a caption."""
+    said = worded("transport_delay and actuator_lag leave the same trace", ("transport_delay", "actuator_lag"))
+    assert said == "“the command arrives late” and “the amplifier follows with a lag” leave the same trace"
+    assert worded("backlash is not asked", ()) == "backlash is not asked"
+
+
+def test_a_picture_is_called_by_its_cause_once(diagnosis, axis, tmp_path):
+    x = np.linspace(0.0, 1.0, 50)
+    gap = Picture("gap", "backlash: stage against motor", "time [s]", "stage [m]", {"measured": (x, x), "model": (x, x**2)}, "backlash")
+    write_answer(dataclasses.replace(diagnosis, pictures=(gap,)), axis, tmp_path / "out", SOURCES)
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "<figcaption>Lost motion at reversal: stage against motor</figcaption>" in page and "backlash: stage" not in page

@@ -4,6 +4,7 @@ import copy
 
 import pytest
 
+from microstage_ros.commands.analysis.compare import _show
 from microstage_ros.report.acceptance import floors_table
 
 LAW = "self_tuning_observer"
@@ -51,3 +52,10 @@ def test_every_miss_is_told_in_its_row(path, value, row, told):
         place = place[key]
     place[path[-1]] = value
     assert cells(result)[row] == told
+
+
+def test_the_printed_tables_are_not_cut(capsys):
+    """A table broader than the terminal lost the ends of its names."""
+    _show([("Moves", ["controller", *(f"4s interferometer {k}" for k in range(8))], [["self_tuning_feedforward", *["13.4 (9.8 … 21.1)"] * 8]], "")])
+    printed = capsys.readouterr().out
+    assert "self_tuning_feedforward" in printed and printed.count("13.4 (9.8 … 21.1)") == 8 and "4s interferometer 7" in printed

@@ -56,6 +56,23 @@ def test_page_reads(browser, page, width, dark):
     assert abs(brightness(seen["ink"]) - brightness(seen["background"])) > 120.0
 
 
+SCROLLS = """document.title = [...document.querySelectorAll("pre, .wide")].map(
+  box => box.tagName + (box.scrollWidth > box.clientWidth + 2 ? " scrolls" : " is whole")).join(", "); document.body.append(document.title);"""
+
+
+def test_code_and_broad_tables_are_whole_where_the_window_has_room(browser, tmp_path):
+    """A line of code goes on below; a table of many columns may be broader than the text. On a phone it scrolls, and says so."""
+    page = Page("Code and a broad table")
+    page.section("LOG.yaml")
+    page.code("following_error: {column: position_error, unit: mm}     # a guess: the file does not tell it (range 10.64); " + "why it is so, " * 10)
+    page.section("Moves")
+    page.table([f"bias pooled (95 %) {k}" for k in range(10)], [["self_tuning", *["−5.0 (−6.3 … −3.7)"] * 4, 1, 2, 3, 4, 5]])
+    page.save(tmp_path / "page.html")
+    wide, narrow = (browser.look(tmp_path / "page.html", width, before=SCROLLS) for width in (1600, 390))
+    assert "PRE is whole, DIV is whole" in wide["text"] and wide["width"] <= 1600 and "scroll it sideways" not in wide["text"]
+    assert "PRE is whole, DIV scrolls" in narrow["text"] and narrow["width"] <= 390 and "scroll it sideways" in narrow["text"]
+
+
 def test_what_is_cut_off_and_what_fails_is_noticed(browser, tmp_path):
     path = tmp_path / "bad.html"
     path.write_text("<p style='width: 2000px; text-align: right'><b>beyond</b></p><script>console.error('broken')</script>")

@@ -10,7 +10,7 @@ import pytest
 
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.report.drawing_file import drawing, standalone
-from microstage_ros.report.page import LARGEST_SVG, Page, breakable, is_short, picture
+from microstage_ros.report.page import LARGEST_SVG, Page, breakable, is_short, picture, typeset
 from microstage_ros.report.plots import new_figure, plot_signal
 
 
@@ -133,6 +133,20 @@ def test_long_names_break_between_their_parts_only():
     assert str(breakable("contacts.actuator.stribeck_velocity")) == "contacts.<wbr>actuator.<wbr>stribeck_<wbr>velocity"
     assert str(breakable("3.40966 ± 0.00078 Ω")) == "3.40966 ± 0.00078 Ω" and str(breakable("<b>")) == "&lt;b&gt;"
     assert is_short("64.8 ± 4.3 mN m/rad\n13.15 ± 0.88 mN m/rad") and not is_short("torque balance")
+
+
+@pytest.mark.parametrize("given, set_so", [
+    ("-8.2", "−8.2"), ("-5.0 (-6.3 … -3.7)", "−5.0 (−6.3 … −3.7)"), ("99% of it", "99\u00a0% of it"), ("95 %: 1 … 2", "95\u00a0%: 1 … 2"),
+    ("friction x 0.5", "friction × 0.5"), ("2026-11-29", "2026-11-29"), ("normal_-40kgf.csv", "normal_-40kgf.csv"), ("ISO 230-2", "ISO 230-2"), (3, 3)])
+def test_numbers_are_set_as_in_a_book(given, set_so):
+    assert typeset(given) == set_so
+
+
+def test_code_is_kept_to_the_letter():
+    page = Page("T")
+    page.code("a: -1   # 5% <b>\n\n  b: 2\n")
+    shown = re.sub(r"</?span>", "", re.findall(r"<pre>(.*?)</pre>", page.html(), flags=re.DOTALL)[0])
+    assert html.unescape(shown) == "a: -1   # 5% <b>\n\n  b: 2\n"
 
 
 def test_a_drawing_stands_alone_as_a_file_with_its_own_colours():

@@ -25,6 +25,8 @@ from microstage_ros.quantities.errors import InputError
 from microstage_ros.report.comparison import comparison_page, comparison_tables
 
 DEFAULT_AXIS = str(config_file("axis.yaml"))
+WIDEST = 400
+"""Letters of a line of a printed table, at most."""
 
 
 def main(argv=None):
@@ -172,9 +174,11 @@ def _plain(value):
 def _show(tables):
     """Print what was asked and reached, and the tables of Fig. 10 and Table 4."""
     console = Console()
-    console.width = max(console.width, 160)  # the tables are wide
+    window = console.width
     for title, header, rows, _ in tables[:6]:
         table = Table(*header, title=title)
         for row in rows:
             table.add_row(*row)
+        wanted = console.measure(table, options=console.options.update(width=WIDEST)).maximum
+        console.width = max(window, wanted)  # a terminal wraps what is wider; nothing is cut
         console.print(table)

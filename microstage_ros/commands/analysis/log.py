@@ -17,7 +17,7 @@ from microstage_ros.records.logs.description import description_of, separator_of
 from microstage_ros.records.logs.log import read_log, read_table
 from microstage_ros.records.logs.propose import oddities, propose
 from microstage_ros.report.page import Page
-from microstage_ros.report.plots import COLOURS, new_figure, plot_signal, readable
+from microstage_ros.report.plots import COLOURS, legend_above, new_figure, plot_signal, readable
 
 DESCRIPTION = """\
 Looks at a log of any machine (CSV with any separator and preamble, EPOS Studio, TwinCAT Scope, halscope, camonitor,
@@ -28,6 +28,10 @@ missing is said.
 With --examine N instead of a file: N simulated machines that nobody here has tuned for, degraded as logs are, with or
 without something hidden; prints rates with their 95 % intervals.
 """
+
+CHANGING, STILL = ("accelerates or brakes", "yellow"), ("at rest", "grey")
+PHASES = {"start": CHANGING, "brake": CHANGING, "rest": STILL, "settled": STILL}
+"""Phase of a motion to what its shade is called, and its colour."""
 
 
 def main(argv=None):
@@ -126,25 +130,25 @@ def _page(path, found, odd, text, where):
     """A page with the picture of what was understood."""
     page = Page("What this log seems to be", str(path))
     page.verdict(
-        f"{found.kind.capitalize()}, {found.rows} rows;"
-        f" {', '.join(k for k in found.tree if isinstance(found.tree[k], dict))} found.",
+        f"{found.kind[:1].upper()}{found.kind[1:]}, {found.rows} rows; found in it:"
+        f" {', '.join(k.replace('_', ' ') for k in found.tree if isinstance(found.tree[k], dict))}.",
         "caution" if found.reasons else "good",
-        more="Guesses are marked in LOG.yaml; correct them before they are used.",
+        more="Guesses are marked in LOG.yaml; correct them before they are used." if found.reasons else "",
     )
     try:
         log = read_log(path, description_of({k: v for k, v in found.tree.items() if v is not None}, "the proposal"))
         page.figure(
             _picture(log),
-            "The first stretch, with the phases of motion as they are understood: shaded where the axis accelerates or"
-            " brakes, white at constant speed, grey at rest.",
-            "signals against time",
+            "The first stretch, with the phases of motion as they are understood; without colour: constant speed.",
+            "signals against time, shaded by phases of motion",
         )
     except InputError as error:
         page.text(f"The log cannot be read with this proposal yet: {error}")
     page.section("LOG.yaml")
     page.code(text)
-    page.section("What is missing")
-    page.list(found.missing)
+    if found.missing:
+        page.section("What is missing")
+        page.list(found.missing)
     if odd:
         page.section("What is odd")
         page.list(odd)
@@ -162,21 +166,25 @@ def _picture(log):
     time = np.arange(len(log)) * log.period
     for axis, name in zip(axes[:, 0], names):
         unit = {log.effort: log.effort_unit, "velocity": f"{log.place_unit}/s"}.get(name, log.place_unit)
-        factor, label = readable(f"{name.replace('_', ' ')} [{unit}]", [log.signals[name][shown]])
+        words = name.replace("_", " ")
+        words = words if name != log.effort or log.signed else f"|{words}|"
+        factor, label = readable(f"{words} [{unit}]", [log.signals[name][shown]])
+        if unit == "1":
+            factor, label = 100.0, f"{words}\n[% of nominal]"
         plot_signal(axis, time[shown], factor * log.signals[name][shown], color=COLOURS["blue"])
         state = motion.state[shown]
         edges = np.concatenate([[0], np.flatnonzero(np.diff(state)) + 1, [len(state)]])
+        named = set()
         for a, b in list(zip(edges[:-1], edges[1:]))[:200]:
-            colour = {
-                "start": COLOURS["yellow"],
-                "brake": COLOURS["yellow"],
-                "rest": COLOURS["grey"],
-                "settled": COLOURS["grey"],
-            }.get(STATES[state[a]])
-            if colour:
-                axis.axvspan(time[a], time[b - 1] + log.period, color=colour, alpha=0.18, lw=0)
+            phase = PHASES.get(STATES[state[a]])
+            if phase:
+                words, colour = phase
+                axis.axvspan(time[a], time[b - 1] + log.period, color=COLOURS[colour], alpha=0.25, lw=0,
+                             label=None if words in named else words)
+                named.add(words)
         axis.set_ylabel(label)
     axes[-1, 0].set_xlabel("time [s]")
+    legend_above(axes[0, 0])
     return figure
 
 

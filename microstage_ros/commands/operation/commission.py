@@ -148,8 +148,8 @@ def _tell(outcome, machine, folder):
             print(f"  failed: {check.id}: {check.says}")
     for row in outcome.moves:
         print(
-            f"  {row['target_m'] * 1e6:7.4g} µm: bias {row['bias_m'] * 1e9:+7.1f} nm, 4s {row['four_s_m'] * 1e9:6.1f}"
-            f" nm, settled after {row['settling_s'] * 1e3:.0f} ms"
+            f"  {row['target_m'] * 1e6:7.4g} µm: bias {row['bias_m'] * 1e9:+7.2f} nm, 4s {row['four_s_m'] * 1e9:6.2f}"
+            f" nm, settled {row['settling_s'] * 1e3:.0f} ms after the reference"
         )
     if outcome.moves and math.isfinite(outcome.sine):
         print(f"  slow sine: {outcome.sine * 1e9:.0f} nm at most")

@@ -1,12 +1,13 @@
 """The demo told: a table beside the paper's, and one page with the moves as the bag has them."""
 
 import numpy as np
+from matplotlib.ticker import EngFormatter
 
 from microstage_ros.metrology.repeatability import repeatability
 from microstage_ros.records.bags.bag import read_bag
 from microstage_ros.report.page import Page
-from microstage_ros.quantities.readable import quantity
-from microstage_ros.report.plots import COLOURS, new_figure, plot_signal
+from microstage_ros.quantities.readable import interval, quantity
+from microstage_ros.report.plots import COLOURS, legend_above, new_figure, plot_signal
 
 PAPER_4S = {1e-6: 173e-9, 1e-5: 160e-9, 1e-4: 219e-9, 1e-3: 255e-9}
 """Accuracy and precision 4s of the paper's Table 4 [m]."""
@@ -178,8 +179,13 @@ def _verdict(page, rows, results, simulated):
     text, significant = headline(rows, results)
     page.verdict(text, "good" if significant else "caution",
                  "The axis is simulated: this compares a model with a measured device." if simulated else "")
-    page.key_figures([(f"4s at {row['target'] * 1e6:+.0f} µm", f"{row['repeatability'].four_s * 1e9:.0f} nm",
-                       f"paper: {row['paper'] * 1e9:.0f} nm") for row in good if row["target"] > 0])
+    cards = []
+    for row in (row for row in good if row["target"] > 0):
+        r = row["repeatability"]
+        low, high = r.four_s_interval
+        cards.append((f"4s at {row['target'] * 1e6:+.0f} µm", f"{r.four_s * 1e9:.1f} nm",
+                      f"95 %: {interval(low, high, 'm')}; paper: {row['paper'] * 1e9:.0f} nm"))
+    page.key_figures(cards)
 
 
 def _streams(bag, namespace):
@@ -207,7 +213,7 @@ def _move_figure(streams, move, period, command_facts):
     plot_signal(top, time(light), light["position"] * 1e6, color=COLOURS["orange"], linewidth=0.8,
                 label="interferometer" if measured != "state" else None)
     top.set_ylabel("position [µm]")
-    top.legend(loc="lower right")
+    legend_above(top)
     wanted = np.interp(light["sequence"], command["sequence"], command["reference"])
     plot_signal(middle, time(light), (light["position"] - wanted) * 1e9, color=COLOURS["orange"])
     middle.set_ylabel(f"{'interferometer' if measured != 'state' else 'encoder'}\n− reference [nm]")
@@ -249,7 +255,7 @@ def _friction_figure(streams, period):
         plot_signal(plot, _seconds(estimate, period), estimate[field] * factor, color=COLOURS["blue"], label="estimate",
                     linewidth=0.8)
         plot.set_ylabel(label)
-    top.legend(loc="upper right")
+    legend_above(top)
     bottom.set_xlabel("time [s]")
     return figure
 
@@ -272,17 +278,19 @@ def _timing_figure(streams):
     if timing is not None and len(timing):
         last = timing[-1]
         counts = last["response_histogram"]
-        edges = 10.0 ** (-5 + np.arange(len(counts)) / 16) * 1e6
+        edges = 10.0 ** (-5 + np.arange(len(counts)) / 16)
         taken = counts > 0
         axes.bar(edges[taken], counts[taken], width=edges[taken] * (10 ** (1 / 16) - 1), align="edge")
         for field, words, colour in (("response_median", "median", "orange"), ("response_p99", "99 %", "pink"),
                                      ("response_p9999", "99.99 %", "green")):
             axes.axvline(
-                last[field] * 1e6, color=COLOURS[colour], label=f"{words}: {quantity(float(last[field]), 's')}"
+                last[field], color=COLOURS[colour], label=f"{words}: {quantity(float(last[field]), 's')}"
             )
-        axes.legend(loc="upper right")
+        legend_above(axes)
     axes.set_xscale("log")
     axes.set_yscale("symlog", linthresh=1.0)  # the few late ones are what matters
-    axes.set_xlabel("response time [µs]")
+    axes.xaxis.set_major_formatter(EngFormatter(unit="s"))
+    axes.yaxis.set_major_formatter("{x:.0f}")
+    axes.set_xlabel("response time")
     axes.set_ylabel("control periods")
     return figure

@@ -2,10 +2,11 @@
 
 import numpy as np
 
-from microstage_ros.report.plots import COLOURS, new_figure, plot_signal, readable
+from microstage_ros.report.plots import COLOURS, legend_above, new_figure, plot_signal, readable
 
 BEFORE, AFTER = COLOURS["orange"], COLOURS["blue"]
 MORE = (BEFORE, AFTER, COLOURS["green"], COLOURS["pink"], COLOURS["black"])
+MEASURED_WIDTH = 2.2           # of a line: it is seen beside a model that lies on it [points]
 FEW = 120                      # points up to which they are marked
 LINEAR = 20.0                  # strength up to which the scale is linear
 
@@ -19,14 +20,14 @@ def curves(picture):
     for colour, (label, curve) in zip(MORE, picture.curves.items()):
         x, y = across * np.asarray(curve[0], float), up * np.asarray(curve[1], float)
         marker = {"marker": "o", "ms": 3} if len(x) <= FEW else {}
-        plot_signal(axes, x, y, color=colour, label=label, **marker)
+        plot_signal(axes, x, y, color=colour, label=label, lw=MEASURED_WIDTH if label == "measured" else 1.1, **marker)
         if len(curve) > 2:
             spread = up * np.asarray(curve[2], float)
             axes.fill_between(x, y - 2 * spread, y + 2 * spread, color=colour, alpha=0.15, lw=0)
     axes.axhline(0.0, color=COLOURS["grey"], lw=0.7, zorder=0)
     axes.set_xlabel(x_label)
     axes.set_ylabel(y_label)
-    axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4)
+    legend_above(axes)
     return figure
 
 
@@ -54,5 +55,5 @@ def strengths(findings):
     axes.set_xlabel("strength over what chance gives")
     if largest > LINEAR:
         axes.set_xscale("symlog", linthresh=1.0)
-    axes.legend(loc="lower right")
+    legend_above(axes)
     return figure

@@ -5,7 +5,11 @@ Takes the mapping of report.json for every number, so that page and file cannot 
 """
 
 from microstage_ros.diagnosis.report.drawing import curves, strengths
+<<<<<<< HEAD
 from microstage_ros.diagnosis.report.wording import TONES, VERDICTS, advice_for, is_measured, name_of
+=======
+from microstage_ros.diagnosis.report.wording import TONES, VERDICTS, advice_for, listed, name_of, worded
+>>>>>>> mend-pages
 from microstage_ros.report.page import Page
 from microstage_ros.quantities.readable import quantity
 
@@ -23,11 +27,6 @@ def headline(report):
         text = f"{text[:-1]}: {listed(names, 'and')}."
     opened = [listed([name_of(i).lower() for i in rivals["ids"]], "or") for rivals in report["rivals"]]
     return text + (f" Open: {'; '.join(opened)}." if opened else "")
-
-
-def listed(words, joint):
-    """``a, b and c``."""
-    return words[0] if len(words) == 1 else ", ".join(words[:-1]) + f" {joint} " + words[-1]
 
 
 def write_page(report, diagnosis, axis, path):
@@ -100,8 +99,14 @@ def _without_causes(gain):
     residual = f"residual {quantity(gain['before'], unit, 4)}, 95 %: {low} … {high}"
     return [
         ("Beyond the noise", quantity(_beyond(gain, "before"), unit), f"held-out records; {residual}"),
-        ("Noise", quantity(gain["floor"], unit), "no model can go below"),
+        _noise(gain),
     ]
+
+
+def _noise(gain):
+    """The card of the noise floor."""
+    over = "; all three are residual over noise" if gain["unit"] == "1" else ""
+    return "Noise", quantity(gain["floor"], gain["unit"]), f"no model can go below{over}"
 
 
 def _key_figures(gain):
@@ -119,7 +124,7 @@ def _key_figures(gain):
             quantity(_beyond(gain, "after"), unit),
             f"with the causes; {quantity(gain['after'], unit, 4)} with the noise, 95 %: {low} … {high}",
         ),
-        ("Noise", quantity(gain["floor"], unit), "no model can go below"),
+        _noise(gain),
     ]
     removed = _removed(gain)
     return (
@@ -147,7 +152,8 @@ def _removed(gain):
 
 
 def _picture(page, picture):
-    caption = picture.title + (f": {name_of(picture.cause).lower()}" if picture.cause else "")
+    caption = picture.title.removeprefix(f"{picture.cause}: ")
+    caption = f"{name_of(picture.cause)}: {caption}" if picture.cause else caption[:1].upper() + caption[1:]
     page.figure(curves(picture), caption, f"{picture.y_label} against {picture.x_label}: {', '.join(picture.curves)}")
 
 
@@ -156,7 +162,7 @@ def _causes(page, causes):
     rows = [
         (
             name_of(cause["id"]),
-            cause["sentence"],
+            _size(cause),
             f"{cause['share']:.0%}",
             quantity(cause["gain"]["before"], cause["gain"]["unit"], 4),
             quantity(cause["gain"]["after"], cause["gain"]["unit"], 4),
@@ -164,7 +170,7 @@ def _causes(page, causes):
         for cause in causes
     ]
     page.table(
-        ("cause", "what it does", "share", "residual before", "after"),
+        ("cause", "how much", "share", "residual before", "after"),
         rows,
         "Share: of what stood out of the noise on held-out records; what is left counts where a cause shows or where"
         " something stands above the noise floor. Residuals: rms there, without and with the cause.",
@@ -180,6 +186,12 @@ def _causes(page, causes):
         )
 
 
+def _size(cause):
+    """The sentence of a cause without its name, which stands beside it."""
+    size = cause["sentence"].removeprefix(f"{name_of(cause['id'])}: ")
+    return size[:1].upper() + size[1:]
+
+
 def _interval(number):
     """(value, lower and upper end of the 95 % interval) as texts."""
     value, spread, unit = number["value"], number["stderr"], number["unit"]
@@ -192,7 +204,8 @@ def _next(report):
     entries = [f"{name_of(cause['id'])}: {advice_for(cause['id'])}" for cause in report["causes"]]
     for rivals in report["rivals"]:
         entries.append(
-            f"Open, {listed([name_of(one).lower() for one in rivals['ids']], 'or')}: {rivals['why'].rstrip('.')}. "
+            f"Open, {listed([name_of(one).lower() for one in rivals['ids']], 'or')}: "
+            f"{worded(rivals['why'], rivals['ids']).rstrip('.')}. "
             f"Run {rivals['experiment']} on the machine, "
             "record it, and diagnose again with that record."
         )

@@ -1,6 +1,8 @@
 """A diagnosis in a technician's words: names and remedies of the effects (each effect owns its own), verdicts,
 sizes."""
 
+import re
+
 from microstage_ros.model.effects import REGISTRY
 from microstage_ros.quantities.readable import quantity
 
@@ -27,6 +29,18 @@ TONES = {
 def name_of(cause_id):
     """Plain name of an effect; the id itself for one that has none."""
     return REGISTRY[cause_id].label if cause_id in REGISTRY else cause_id.replace("_", " ").capitalize()
+
+
+def worded(text, ids):
+    """A sentence in which effects stand by their plain names, in quotes, and not by the ``ids`` of report.json."""
+    names = {one: f"“{name_of(one)[:1].lower()}{name_of(one)[1:]}”" for one in ids}
+    longest_first = sorted(map(re.escape, names), key=len, reverse=True)
+    return re.sub(rf"\b({'|'.join(longest_first)})\b", lambda found: names[found[0]], text) if names else text
+
+
+def listed(words, joint):
+    """``a, b and c``."""
+    return words[0] if len(words) == 1 else ", ".join(words[:-1]) + f" {joint} " + words[-1]
 
 
 def advice_for(cause_id):

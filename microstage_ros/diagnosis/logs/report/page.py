@@ -4,7 +4,7 @@ would decide."""
 from microstage_ros.diagnosis.logs.preprocessing.channels import FLUCTUATION
 from microstage_ros.diagnosis.logs.selection import course as course_module
 from microstage_ros.diagnosis.logs.report import pictures
-from microstage_ros.diagnosis.report.wording import TONES, advice_for, name_of
+from microstage_ros.diagnosis.report.wording import TONES, advice_for, listed, name_of, worded
 from microstage_ros.report.page import Page
 from microstage_ros.quantities.readable import quantity
 
@@ -23,7 +23,7 @@ VERDICTS = {
 def headline(report):
     """The answer in one sentence."""
     names = [f"{name_of(c['id']).lower()} ({size_of(c)})" for c in report["causes"]]
-    opened = [" or ".join(name_of(i).lower() for i in r["ids"]) for r in report["rivals"]]
+    opened = [listed([name_of(i).lower() for i in r["ids"]], "or") for r in report["rivals"]]
     text = VERDICTS[report["verdict"]]
     if report["verdict"] == "agrees" and report["compared"] < LEAST_COMPARED:
         return (
@@ -132,9 +132,9 @@ def _figures(report, result):
     if report["causes"] or report["rivals"]:
         figures.append(("Left over", f"{gain['after']:.1f} ×", "the same, with what is named taken out"))
     for cause in report["causes"][:2]:
-        figures.append(
-            (name_of(cause["id"]), size_of(cause).partition(",")[0], f"sure to {100 * cause['probability']:.1f} %")
-        )
+        size, _, spread = size_of(cause).partition(", ")
+        certainty = f"sure to {100 * cause['probability']:.1f} %"
+        figures.append((name_of(cause["id"]), size, f"{spread}; {certainty}" if spread else certainty))
     return figures
 
 
@@ -157,7 +157,8 @@ def _causes(page, report):
     if report["rivals"]:
         page.heading("What cannot be distinguished")
         page.table(("one of", "why", "this would decide"), [
-            (", ".join(name_of(i).lower() for i in r["ids"]), r["why"], r["experiment"]) for r in report["rivals"]])
+            (", ".join(name_of(i).lower() for i in r["ids"]), worded(r["why"], r["ids"]), r["experiment"])
+            for r in report["rivals"]])
     with page.details("All fitted sizes with their 95 % intervals"):
         page.table(
             ("cause", "size", "value", "from", "to"),
@@ -185,7 +186,8 @@ def _since(entry):
 def _next(report):
     entries = [f"{name_of(c['id'])}: {advice_for(c['id'])}" for c in report["causes"]]
     for rivals in report["rivals"]:
-        entries.append(f"To decide between {' and '.join(rivals['ids'])}: {rivals['experiment']}. "
+        names = listed([worded(i, [i]) for i in rivals["ids"]], "and")
+        entries.append(f"To decide between {names}: {rivals['experiment']}. "
                        f"If it is the first: {advice_for(rivals['ids'][0])}")
     if report["verdict"] in ("unexplained", "partly_explained"):
         strongest = sorted(
@@ -209,7 +211,7 @@ def _course(page, report, result):
                 page.section("Since when")
                 _figure(
                     page,
-                    pictures.course(points, "change over the level [1]", changes),
+                    pictures.course(points, "change\n[% of the level]", changes),
                     f"{name_of(ids[0])}: size in every repetition with its 95 % interval, against the baseline's mean."
                     + (" Dashed: where its mean changes." if changes else ""),
                 )
@@ -241,10 +243,9 @@ def _healthy(page, report):
             h["channel"],
             h["condition"],
             h["name"],
-            quantity(h["value"], h["unit"]),
-            quantity(h["stderr"], h["unit"]) if h["stderr"] else None,
+            quantity(h["value"], h["unit"], stderr=h["stderr"]),
         )
         for h in report["healthy"]
         if h["value"] is not None
     ]
-    page.table(("channel", "condition", "size", "value", "standard error"), rows)
+    page.table(("channel", "condition", "size", "value ± standard error"), rows)

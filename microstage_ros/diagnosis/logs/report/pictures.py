@@ -6,7 +6,7 @@ from matplotlib.ticker import MaxNLocator
 from microstage_ros.diagnosis.logs.preprocessing.coordinates import STEADY, cell_keys
 from microstage_ros.diagnosis.logs.selection.effects import columns_of
 from microstage_ros.diagnosis.logs.preprocessing.motion import STATES
-from microstage_ros.report.plots import COLOURS, new_figure, plot_signal, scale_of
+from microstage_ros.report.plots import COLOURS, legend_above, new_figure, plot_signal, scale_of
 
 BASE, NOW, MODEL = COLOURS["grey"], COLOURS["orange"], COLOURS["blue"]
 SECONDS = 30.0             # of the overlay in time
@@ -54,7 +54,7 @@ def over_stroke(result, name):
         axis.set_title(title)
         axis.set_ylabel(f"{_label(channel)} [{unit}]")
     axes[-1].set_xlabel(f"place [{place_unit}]")
-    axes[0].legend(loc="lower left", bbox_to_anchor=(0.0, 1.16), ncols=3)
+    legend_above(axes[0])
     return figure
 
 
@@ -139,7 +139,7 @@ def in_time(result, name):
         )
     axes.set_xlabel("time [s]")
     axes.set_ylabel(f"{_label(channel)} [{unit}]")
-    axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3)
+    legend_above(axes)
     return figure
 
 
@@ -165,8 +165,8 @@ def _rows_fitted(result, name, rows):
 def course(points, label, changes=(), per_log=False):
     """Figure: a size from repetition to repetition with its 95 % interval, baseline first; dashed: change points.
 
-    ``points``: `Point` each; ``label``: of the size; ``changes``: indices of points [1]; ``per_log``: a point is a log,
-    and those of now are numbered from 1.
+    ``points``: `Point` each, drawn in per cent; ``label``: of the size; ``changes``: indices of points [1];
+    ``per_log``: a point is a log, and those of now are numbered from 1.
     """
     figure, axes = new_figure(height=2.5)
     first = 1 - sum(p.baseline for p in points) if per_log else 1
@@ -175,8 +175,8 @@ def course(points, label, changes=(), per_log=False):
         if index:
             axes.errorbar(
                 [k + first for k in index],
-                [points[k].value for k in index],
-                yerr=[1.96 * points[k].stderr for k in index],
+                [100 * points[k].value for k in index],
+                yerr=[196 * points[k].stderr for k in index],
                 fmt="o",
                 ms=3.5,
                 color=colour,
@@ -192,7 +192,7 @@ def course(points, label, changes=(), per_log=False):
         else "repetition, in the order of the logs"
     )
     axes.set_ylabel(label)
-    axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2)
+    legend_above(axes)
     return figure
 
 
@@ -215,5 +215,5 @@ def ripple(result):
         axis.set_title("forward" if key[2] > 0 else "back")
         axis.set_ylabel("amplitude [% of\nthe level]")
     axes[-1][0].set_xlabel("cycles per turn")
-    axes[0][0].legend(loc="upper right")
+    legend_above(axes[0][0])
     return figure

@@ -12,7 +12,7 @@ from microstage_ros.diagnosis.logs.report import pictures
 from microstage_ros.diagnosis.logs.selection import course as course_module
 from microstage_ros.diagnosis.logs.report.page import headline, size_of
 from microstage_ros.diagnosis.logs.report.answer import report_fields
-from microstage_ros.diagnosis.report.wording import advice_for, name_of
+from microstage_ros.diagnosis.report.wording import advice_for, listed, name_of
 from microstage_ros.files import complete_folder
 from microstage_ros.report.page import Page
 
@@ -198,12 +198,13 @@ def _page(trend, report, tree, description, path):
     page.section("What has changed" + (" for a time" if tree["passed"] else ""))
     report = tree["passed"]["report"] if tree["passed"] else report
     page.list([f"{name_of(c['id'])}: {size_of(c)}. {advice_for(c['id'])}" for c in report["causes"]]
-              + [f"{' or '.join(r['ids'])}: {r['experiment']} would decide." for r in report["rivals"]] or ["Nothing."])
+              + [f"{listed([name_of(i) for i in r['ids']], 'or')}: {r['experiment']} would decide."
+                 for r in report["rivals"]] or ["Nothing."])
     page.section("Courses")
     for name, (points, changes) in sorted(trend.courses.items(), key=lambda item: -_movement(item[1][0])):
         page.heading(name_of(name))
         page.figure(
-            pictures.course(points, "change over the level [1]", changes, per_log=True),
+            pictures.course(points, "change\n[% of the level]", changes, per_log=True),
             "One point per log with its 95 % interval; each effect is fitted by itself, so that effects which look"
             " alike move together." + (" Dashed: where the mean changes." if changes else ""),
             name_of(name),
