@@ -212,6 +212,8 @@ MISTAKES = {
     "such a gap in the axis file of a cell": (["cell", "--axis", "coilgap.yaml"], "coilgap.yaml: effects: backlash: got"),
     "such a gap in the machine of a cell": (["cell", "--axis", "coil.yaml", "--machine", "coilgap.yaml"], "coilgap.yaml: effects: backlash: got"),
     "such a gap in an axis file to diagnose": (["diagnose", "--axis", "coilgap.yaml", "rec.csv", "--out", "new"], "coilgap.yaml: effects: backlash: got"),
+    "effects for a cell that runs": (["experiment", "--running", "--run", "nogap.yaml", "--out", "new"], "nogap.yaml: effects: got 'backlash', expected none"),
+    "effects that the axis of an experiment cannot have": (["experiment", "--axis", "coil.yaml", "--run", "nogap.yaml", "--out", "new"], "nogap.yaml: effects: backlash: got"),
     "no cases": (["campaign", "--cases", "0"], "1 or more"),
 }
 
