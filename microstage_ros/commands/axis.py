@@ -3,7 +3,6 @@
 import sys
 
 from microstage_ros.commands import answer
-from microstage_ros.hardware.simulated import made_plant
 from microstage_ros.model.axis_file import load_axis
 from microstage_ros.model.plausibility import implausible
 from microstage_ros.places import config_file
@@ -26,6 +25,8 @@ def check_effects_fit(machine, run=None):
         machine = machine.with_values({"period": run.period_s}, source="derived")
     effects = run.effects if run is not None else {}
     if machine.effects or effects:
+        from microstage_ros.hardware.simulated import made_plant  # loads the compiled model: not for every command
+
         made_plant(machine, effects=effects, place=run.place if run is not None else "")
 
 

@@ -27,10 +27,10 @@ def made_plant(machine, noise=None, effects=None, place="effects of the run"):
     try:
         return make_plant(machine, noise, effects)
     except InputError as error:
-        named = re.match(r"effects: (\w+)", error.place)
+        named = re.match(r"effects(?:: (\w+))?", error.place)
         if not named:
             raise
-        file = place if named[1] in (effects or {}) else machine.place
+        file = place if named[1] is None or named[1] in (effects or {}) else machine.place
         raise InputError(f"{file}: {error.place}", error.value, error.expected) from None
 
 

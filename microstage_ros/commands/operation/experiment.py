@@ -17,7 +17,6 @@ from microstage_ros.commands.backend import SIMULATED, add_backend, chosen_backe
 from microstage_ros.commands.parser import Parser
 from microstage_ros.control.runs.run_file import load_run
 from microstage_ros.files import complete_folder, keep_earlier
-from microstage_ros.hardware.simulated import machine_for
 from microstage_ros.places import config_file
 from microstage_ros.quantities.errors import InputError
 
@@ -122,6 +121,8 @@ def with_effects(backend, run, axis):
         says = (f"none, as backend {backend.name} has a machine of its own" if backend else
                 "none, as the cell that runs has its machine already: give them to ./microstage cell by --machine FILE")
         raise InputError(f"{run.place}: effects", ", ".join(run.effects), says)
+    from microstage_ros.hardware.simulated import machine_for  # loads the compiled model: not for every experiment
+
     options = backend.options
     check_effects_fit(machine_for(axis, options.get("machine")), run)
     return replace(backend, options={**options, "effects": {**options.get("effects", {}), **run.effects}})
