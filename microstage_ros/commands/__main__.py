@@ -1,6 +1,6 @@
 """``./microstage COMMAND``: looks the command up, loads it alone, turns its errors into exit statuses.
 
-0 done; 2 usage or bad input (one line on standard error); 1 anything else; 130 interrupted.
+0 done; 2 usage or bad input (one line on standard error); 1 anything else, an interruption too.
 """
 
 import errno
@@ -54,7 +54,7 @@ def _run(name, arguments):
     except (Exception, KeyboardInterrupt) as error:
         if _is_interruption(error):
             print(f"{os.linesep if sys.stderr.isatty() else ''}microstage {name}: interrupted", file=sys.stderr)
-            return 130
+            return 1
         status = _said(name, error)
         if status is None:
             raise

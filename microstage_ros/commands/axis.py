@@ -10,10 +10,24 @@ from microstage_ros.quantities.yaml_text import yaml_tree
 
 
 def read_axis(path):
-    """The `Axis` of a file, with `warn`. Raises `InputError` as `load_axis` does."""
+    """The `Axis` of a file, with `warn`. Raises `InputError` as `load_axis` does, and for an effect that the axis
+    cannot have."""
     axis = load_axis(path)
     warn(axis)
+    check_effects_fit(axis)
     return axis
+
+
+def check_effects_fit(machine, run=None):
+    """Raise `InputError`, with the file's name, where the machine (`Axis`) cannot have an effect that its own file or
+    the `Run` gives it."""
+    if run is not None and run.period_s is not None:
+        machine = machine.with_values({"period": run.period_s}, source="derived")
+    effects = run.effects if run is not None else {}
+    if machine.effects or effects:
+        from microstage_ros.hardware.simulated import made_plant  # loads the compiled model: not for every command
+
+        made_plant(machine, effects=effects, place=run.place if run is not None else "")
 
 
 def warn(axis):

@@ -19,7 +19,7 @@ A command is one file with ``main(argv) -> status``:
 
 - ``files.unreadable`` and ``files.missing`` give "file not found" with the nearest name; ``files.complete_file`` and
   ``files.write_text`` write beside and rename.
-- Bad input raises `quantities.errors.InputError`: one line, status 2. Ctrl-C ends with status 130 and leaves no file
+- Bad input raises `quantities.errors.InputError`: one line, status 2. Ctrl-C ends with status 1 and leaves no file
   half-written. A mistyped command, option or choice is answered with the nearest right one.
 - ``commands/__init__.py`` lists the commands; help, shell completion and ``ros2 run`` are made from that list.
 """

@@ -1,5 +1,7 @@
 """The simulated axis: the compiled step of `solver.step` behind the calls of a real one."""
 
+import re
+
 from microstage_ros.hardware.protocol import Reading, Truth
 from microstage_ros.model.actuators import actuator_of
 from microstage_ros.model.axis_file import load_axis
@@ -7,7 +9,29 @@ from microstage_ros.quantities.errors import InputError
 from microstage_ros.solver.period import advance_and_read, as_array, read
 from microstage_ros.solver.plant import NoiseSpec, make_plant, new_readings, new_state, new_work, usual_start
 
-OPTIONS = ("position", "noise", "friction", "machine")
+OPTIONS = ("position", "noise", "friction", "machine", "effects")
+
+
+def made_plant(machine, noise=None, effects=None, place="effects of the run"):
+    """`make_plant` of the machine, which names the file of an effect that it cannot have.
+
+    Parameters
+    ----------
+    machine : `Axis`. noise : `NoiseSpec`; None: the machine's own figures.
+    effects : {id: parameters} beside those of its file. place : what gives those: a file, an option.
+
+    Returns
+    -------
+    The plant record. Raises InputError: the file, the effect and what the machine lacks.
+    """
+    try:
+        return make_plant(machine, noise, effects)
+    except InputError as error:
+        named = re.match(r"effects(?:: (\w+))?", error.place)
+        if not named:
+            raise
+        file = place if named[1] is None or named[1] in (effects or {}) else machine.place
+        raise InputError(f"{file}: {error.place}", error.value, error.expected) from None
 
 
 def machine_for(axis, path):
@@ -35,7 +59,7 @@ class SimulatedAxis:
     setup : `protocol.Setup`; options: ``position`` [m] at the start, ``noise`` ({name: standard deviation},
         names as in run files), ``friction`` (``relaxed`` or ``random``, the load of the contacts at the start; default
         random where the friction is), ``machine`` (axis file of the machine that is simulated, where it is not the one
-        that the controller is given).
+        that the controller is given), ``effects`` ({id: parameters} beside those of its file, as in run files).
 
     Attributes
     ----------
@@ -55,7 +79,8 @@ class SimulatedAxis:
             if name not in OPTIONS:
                 raise InputError(f"simulated axis: option {name}", options[name], "one of " + ", ".join(OPTIONS))
         machine = machine_for(setup.axis, options.get("machine"))
-        self._plant = make_plant(machine, noise=NoiseSpec(**options.get("noise", {})))
+        self._plant = made_plant(machine, NoiseSpec(**options.get("noise", {})), options.get("effects"),
+                                 "simulated axis: option effects")
         self._state = new_state(self._plant, seed=setup.seed, position=options.get("position", 0.0),
                                 friction=options.get("friction", usual_start(self._plant)))
         self._readings = new_readings()

@@ -262,13 +262,24 @@ def identify_whole_axis(signals, axis, known):
         f"Torque balance: residual {quantity(float(np.std(error)), 'N m')} of {quantity(float(np.std(torque)), 'N m')}"
         " rms."
     )
-    expected = 2.0 * max(axis.value("variability.relative"), 0.03) * float(np.median(np.abs(torque)))
+    expected = _expected(vector, axis, inertia, balances, error)
     if np.std(error) > expected:
         result.remarks.append(
-            f"The balance leaves more than the friction's variability explains ({expected * 1e6:.3g} µN m): "
-            "the axis has a cause outside the nominal model, which `diagnose` can name."
+            f"The balance leaves more than the friction's variability explains ({expected * 1e6:.3g} µN m): the stated "
+            "errors do not hold. The axis has a cause outside the nominal model, which `diagnose` can name."
         )
     return result
+
+
+def _expected(vector, axis, inertia, balances, error):
+    """Largest residual [N m], rms, of an axis without a cause: twice the friction's variability times the friction
+    alone, as a torque that turns an inertia to and fro does not vary, and beside it what the method puts off of the
+    inertia's torque. ``error`` [N m]: the residual of the rows that count."""
+    total, offset = _axis_numbers(vector, axis, inertia)[1:]
+    inertial = np.concatenate([total * b.acceleration[b.used] for b in balances])
+    friction = np.concatenate([b.torque[b.used] for b in balances]) - error - inertial - offset
+    varied = 2.0 * max(axis.value("variability.relative"), 0.03) * float(np.median(np.abs(friction)))
+    return math.hypot(varied, METHOD[6] * float(np.std(inertial)))
 
 
 def _held(known):

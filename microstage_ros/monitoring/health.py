@@ -23,6 +23,7 @@ LEAST_WINDOWS = (
     8  # healthy windows below which a spread is no spread: t at 7 degrees of freedom is wide enough as it is
 )
 IN_A_ROW = 2
+MOST_FALSE_ALARMS = 1000.0  # accepted per month of motion
 
 
 @dataclasses.dataclass(frozen=True)
@@ -115,8 +116,9 @@ class Watch:
     """
 
     def __init__(self, reference, per_month=1.0):
-        if not 0.0 < per_month <= 1000.0:
-            raise InputError("watch: false alarms per month", per_month, "a number above 0 and up to 1000")
+        if not 0.0 < per_month <= MOST_FALSE_ALARMS:
+            raise InputError("watch: false alarms per month", per_month,
+                             f"a number above 0 and up to {MOST_FALSE_ALARMS:g}")
         self.reference, self.per_month = reference, per_month
         self.limit = reference.limit(per_month)
         self._high, self._alarms = {}, {}

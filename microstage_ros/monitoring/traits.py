@@ -34,7 +34,8 @@ WATCHED = {
 class Machine:
     """The numbers of one axis that the residuals need, the forms that are watched, and the sensors that are used.
 
-    The sensors are those of the first window: what another sensor reads has another noise, and is not comparable.
+    The sensors are those that all windows have that `meet` was shown, else those of the first window that is judged:
+    what another sensor reads has another noise, and is not comparable.
 
     Parameters
     ----------
@@ -45,7 +46,20 @@ class Machine:
         self.drive = drive_of(axis)
         wanted = {(channel, key) for channel, keys in WATCHED.items() for key in keys}
         self._forms = [form for form in FORMS if (form.channel, form.key) in wanted]
-        self._sensors, self._said = None, set()
+        self._sensors, self._said, self._met = None, set(), []
+
+    def meet(self, record):
+        """Leave the sensors that this window lacks out of all windows that are judged; said once on standard error.
+
+        Parameters
+        ----------
+        record : `Record` of a window, of which two columns are kept until the next one.
+        """
+        (_, (record,)), notes = in_common(self._met, [record])
+        kept = [name for name in OPTIONAL if name in record]
+        self._met = [dataclasses.replace(record, columns={name: record.columns[name] for name in ("t_s", *kept)})]
+        self._sensors = set(kept)
+        self._say(notes)
 
     def traits(self, record):
         """Sizes of one window, {(channel, trait): size [1]}, in units of the form's own columns.
@@ -78,12 +92,16 @@ class Machine:
                              f"{name}, as in the first window; or records that all lack it")
         for name in sorted(present - self._sensors):
             notes.append(f"{name} is not used: the first window lacks it.")
+        self._say(notes)
+        columns = {name: record.columns[name] for name in record.columns if name not in present - self._sensors}
+        return dataclasses.replace(record, columns=columns)
+
+    def _say(self, notes):
+        """Each sensor that is not used, once on standard error."""
         for note in notes:
             if (name := note.split(" ", 1)[0]) not in self._said:
                 self._said.add(name)
                 print(f"warning: {note}", file=sys.stderr)
-        columns = {name: record.columns[name] for name in record.columns if name not in present - self._sensors}
-        return dataclasses.replace(record, columns=columns)
 
     def _channel(self, collection, name):
         """Traits of one channel."""

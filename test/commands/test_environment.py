@@ -134,6 +134,15 @@ def test_what_is_missing_is_said_before_anything_is_downloaded(tmp_path, monkeyp
         environment._make(SOURCE, tmp_path, tmp_path / "environment.sh", "digest")
 
 
+def test_an_interrupted_set_up_is_one_line_and_status_1(tmp_path, monkeypatch, capsys):
+    def interrupted(place):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(environment, "_locked", interrupted)
+    assert environment.main(tmp_path, "digest") == 1
+    assert capsys.readouterr().err.strip() == "microstage: set-up interrupted; the next command goes on with it"
+
+
 def test_interfaces_are_built_once_for_all_checkouts(tmp_path, monkeypatch):
     monkeypatch.setenv("MICROSTAGE_CACHE", str(tmp_path / "cache"))
     built = []

@@ -1,10 +1,12 @@
 """``--machine``: the simulated machine is another one than the controller is given."""
 
 import pytest
+import yaml
 
 from microstage_ros.commands.__main__ import main
-from microstage_ros.commands.backend import chosen_backend
+from microstage_ros.commands.backend import ChosenBackend, chosen_backend
 from microstage_ros.commands.operation.cell import add_backend
+from microstage_ros.commands.operation.experiment import with_effects
 from microstage_ros.commands.parser import Parser
 from microstage_ros.control.runs.run_file import run_from_dict
 from microstage_ros.control.runs.simulate import simulate
@@ -12,6 +14,7 @@ from microstage_ros.hardware import make_hardware
 from microstage_ros.hardware.protocol import Setup
 from microstage_ros.model.axis_file import load_axis
 from microstage_ros.places import config_file
+from microstage_ros.quantities.errors import InputError
 from microstage_ros.records import read_record
 
 SHIPPED = str(config_file("axis.yaml"))
@@ -49,3 +52,15 @@ def test_a_machine_that_does_not_fit_is_refused(tmp_path, capsys, machine, words
     run.write_text("controller: {type: pid}\nprogram: [{move_to_m: 1.0e-5}]\n")
     assert main(["simulate", "--axis", SHIPPED, "--machine", machine, "--run", str(run), "--out", str(tmp_path / "r.csv")]) == 2
     assert words in capsys.readouterr().err
+
+
+def test_an_experiment_gives_the_effects_of_its_run_file_to_the_machine_that_it_simulates():
+    axis = load_axis(SHIPPED)
+    run = run_from_dict({"effects": {"backlash": {"width_rad": 0.02}}, "program": [{"move_to_m": 1e-5}]})
+    chosen = with_effects(ChosenBackend(options={"machine": SHIPPED}), run, axis)
+    sent = yaml.safe_load(chosen.driver_parameters["backend_options"])
+    assert sent == {"machine": SHIPPED, "effects": {"backlash": {"width_rad": 0.02}}}
+    made, without = (make_hardware("simulated", Setup(axis, 0, options)).own_arrays[0][0] for options in (sent, {}))
+    assert made["gap"] > 0.0 and without["gap"] == 0.0
+    with pytest.raises(InputError, match="run: effects: got 'backlash', expected none, as backend daq has a machine"):
+        with_effects(ChosenBackend("daq", simulated=False), run, axis)

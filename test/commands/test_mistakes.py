@@ -45,6 +45,10 @@ FILES = {
     "law.yaml": lambda: changed("law: maxwell_slip", "law: maxwell"),
     "controller.yaml": lambda: RUN.replace("pid", "pdi"),
     "effect.yaml": lambda: RUN + "effects: {backlsh: {width_rad: 0.01}}\n",
+    "nogap.yaml": lambda: RUN + "effects: {backlash: {width_rad: 0.005}}\n",
+    "coil.yaml": lambda: config_file("axes/voice_coil.yaml").read_text(encoding="utf-8"),
+    "coilgap.yaml": lambda: config_file("axes/voice_coil.yaml").read_text(encoding="utf-8").replace(
+        "effects: {}", "effects: {backlash: {width_rad: 0.005}}"),
     "size.yaml": lambda: RUN + "effects: {backlash: {width_rad: -1.0}}\n",
     "far.yaml": lambda: RUN.replace("1.0e-5", ".nan"),
     "ten.yaml": lambda: RUN.replace("1.0e-5", "10.0"),
@@ -201,6 +205,15 @@ MISTAKES = {
     "a seed of a diagnosis below zero": (["diagnose", "--axis", "axis.yaml", "rec.csv", "--out", "new", "--seed", "-1"], "--seed: got -1"),
     "a seed of an examined watch below zero": (["watch", "--axis", "axis.yaml", "--examine", "1", "--seed", "-1"], "--seed: got -1"),
     "false alarms that are no number": (["watch", "--axis", "axis.yaml", "--false-alarms", "nan"], "--false-alarms: got nan"),
+    "a gap of a drive without a transmission, in a run file": (simulate(axis="coil.yaml", run="nogap.yaml"), "nogap.yaml: effects: backlash: got"),
+    "such a gap in an axis file": (simulate(axis="coilgap.yaml"), "coilgap.yaml: effects: backlash: got"),
+    "such a gap in a machine file": ([*simulate(axis="coil.yaml"), "--machine", "coilgap.yaml"], "coilgap.yaml: effects: backlash: got"),
+    "such a gap in a machine to compare on": (["compare", "--axis", "coil.yaml", "--machine", "coilgap.yaml", "--out", "new"], "coilgap.yaml: effects: backlash: got"),
+    "such a gap in the axis file of a cell": (["cell", "--axis", "coilgap.yaml"], "coilgap.yaml: effects: backlash: got"),
+    "such a gap in the machine of a cell": (["cell", "--axis", "coil.yaml", "--machine", "coilgap.yaml"], "coilgap.yaml: effects: backlash: got"),
+    "such a gap in an axis file to diagnose": (["diagnose", "--axis", "coilgap.yaml", "rec.csv", "--out", "new"], "coilgap.yaml: effects: backlash: got"),
+    "effects for a cell that runs": (["experiment", "--running", "--run", "nogap.yaml", "--out", "new"], "nogap.yaml: effects: got 'backlash', expected none"),
+    "effects that the axis of an experiment cannot have": (["experiment", "--axis", "coil.yaml", "--run", "nogap.yaml", "--out", "new"], "nogap.yaml: effects: backlash: got"),
     "no cases": (["campaign", "--cases", "0"], "1 or more"),
 }
 

@@ -16,7 +16,9 @@ import yaml
 from machines import random_axis
 
 from microstage_ros.commands.operation import commission
+from microstage_ros.commissioning.estimation.parameters import with_errors_of
 from microstage_ros.commissioning.store import Store
+from microstage_ros.identification.estimators.estimate import Estimate
 from microstage_ros.model.axis_file import load_axis
 from microstage_ros.places import config_file
 from microstage_ros.quantities.errors import InputError
@@ -80,6 +82,26 @@ def test_the_axis_file_is_one_like_any_other(ready):
     assert axis.quantity("drive.back_emf").stderr > 0.0 and axis.quantity("drive.back_emf").source == "identified"
     ratio = (axis.value("transmission.stiffness") / axis.value("stage.mass")) / (truth.value("transmission.stiffness") / truth.value("stage.mass"))
     assert ratio == pytest.approx(1.0, rel=0.1)
+
+
+def test_axis_file_and_report_state_one_uncertainty_of_a_number(ready):
+    """The file had 0.7 % of a stiffness where the report had 30, and 15 % of a length of which the report said 62 and not determined."""
+    _, out, _ = ready
+    axis, parameters = load_axis(out / "axis.yaml"), json.loads((out / "report.json").read_text())["parameters"]
+    both = [key for key in parameters if axis.has(key) and axis.quantity(key).stderr is not None]
+    assert {"transmission.stiffness", "transmission.damping", "drive.back_emf", "contacts.actuator.coulomb"} <= set(both)
+    for key in both:
+        assert axis.value(key) == parameters[key]["value"] and axis.quantity(key).stderr == parameters[key]["stderr"], key
+    assert "for a stage of" in " ".join(json.loads((out / "report.json").read_text())["remarks"])
+
+
+def test_what_the_systematic_part_takes_back_has_its_uncertainty_in_the_file_too():
+    axis = load_axis(config_file("axis.yaml")).with_values({"variability.travel_length": 2e-4, "drive.resistance": 3.4}, source="identified",
+                                                           stderr={"variability.travel_length": 3e-5, "drive.resistance": 1e-4})
+    wide = Estimate("variability.travel_length", 2e-4, "m", 1.2e-4, -3.5e-5, 4.4e-4, False, "", "known within some 60% only")
+    other = Estimate("drive.resistance", 3.5, "ohm", 0.02, 3.46, 3.54, False, "", "the file keeps another value")
+    found = with_errors_of(axis, {wide.key: wide, other.key: other})
+    assert found.quantity(wide.key).stderr == 1.2e-4 and found.quantity(other.key).stderr == 1e-4
 
 
 def test_the_frequency_response(ready):

@@ -172,8 +172,8 @@ class Staying:
             self._process.send_signal(signal.SIGABRT)  # Python's fault handler prints where its threads stand
             self._process.wait()
             return f"{self.line}: had to be killed\n{self.said[-5000:]}"
-        # 130: the interrupt came before the command had begun its work
-        good = status == 0 or status == 130 and self.said.rstrip().endswith(": interrupted")
+        # 1: the interrupt came before the command had begun its work
+        good = status == 0 or status == 1 and self.said.rstrip().endswith(": interrupted")
         return None if good else f"{self.line}: status {status}\n{self.said[-2000:]}"
 
 

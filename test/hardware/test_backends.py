@@ -47,6 +47,13 @@ def test_start_position_and_bad_option():
         make_hardware("simulated", Setup(AXIS, 1, {"colour": "red"}))
 
 
+@pytest.mark.parametrize("effects, said", [({"backlsh": {}}, "option effects: effects: backlsh: got 'unknown effect'"), ([1], "option effects: effects: got .1."),
+                                           ({"backlash": {"width_rad": -1.0}}, "option effects: effects: backlash")])
+def test_effects_of_the_simulated_axis_are_checked(effects, said):
+    with pytest.raises(InputError, match=f"simulated axis: {said}"):
+        make_hardware("simulated", Setup(AXIS, 1, {"effects": effects}))
+
+
 def test_registry():
     with pytest.raises(InputError, match="expected one of simulated, daq"):
         make_hardware("abacus", Setup(AXIS))

@@ -1,9 +1,13 @@
 """Motor constants, inertia and attraction from simulated bench runs with noise."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+import yaml
 
-from microstage_ros.control.runs.run_file import Run
+from microstage_ros.control.runs.run_file import Run, run_from_dict
+from microstage_ros.control.runs.simulate import simulated_record
 from microstage_ros.identification import experiments
 from microstage_ros.identification.estimators.acceleration import identify_attraction, identify_inertia
 from microstage_ros.identification.estimators.motor import cross_check, identify_motor, speed_by_voltage
@@ -13,7 +17,9 @@ from microstage_ros.identification.signals import (
     steady_windows,
     window_means,
 )
+from microstage_ros.identification.whole_axis import with_windup
 from microstage_ros.signals.current import centred_current
+from test.identification.conftest import ROOT
 
 
 @pytest.fixture(scope="module")
@@ -101,3 +107,29 @@ def test_centred_current_of_a_ramp_is_shifted_by_the_settling():
     """Mean of the periods before and after: ½ (1 − 2 ε) rows later than the reading."""
     ramp = np.arange(10.0)
     assert centred_current(ramp, 0.2)[1:-1] == pytest.approx(ramp[1:-1] + 0.3)
+
+
+def ordinary(axis, seed, effects=None):
+    """Signals of one ordinary record, by the angle of the motor and by that of the stage."""
+    tree = yaml.safe_load((ROOT / "config" / "experiments" / "whole_axis.yaml").read_text(encoding="utf-8"))
+    noise = {"encoder_m": 8e-9, "voltage_V": 1e-3, "friction_relative": 0.04}
+    record = simulated_record(axis, run_from_dict({**tree, "noise": noise, "effects": effects or {}, "program": tree["program"][2:]}), seed)
+    stage = replace(record, columns={name: values for name, values in record.columns.items() if name != "motor_angle_rad"})
+    return [with_windup(motor_signals(each, axis), axis) for each in (record, stage)]
+
+
+def test_six_healthy_axes_leave_no_more_than_the_noise(paper_axis):
+    for seed in range(1, 7):
+        for signals in ordinary(paper_axis, seed):
+            assert identify_motor([signals], paper_axis).remarks == []
+
+
+@pytest.mark.parametrize("width, at", [(0.0005, (1,)), (0.005236, (0, 1))])
+def test_a_hidden_gap_stands_above_the_noise(paper_axis, width, at):
+    """A gap of 0.03° shows to the stage's encoder alone; of 0.3° the loop rattles, and the motor's angle is no better."""
+    both = ordinary(paper_axis, 1, {"backlash": {"width_rad": width}})
+    for number in at:
+        [remark] = identify_motor([both[number]], paper_axis).remarks
+        assert "lost motion" in remark and "The stated errors do not hold" in remark and "`diagnose`" in remark
+    silent = paper_axis.with_values({"drive.noise": 0.0})
+    assert identify_motor([both[1]], silent).remarks == []  # no noise is stated to hold it against

@@ -59,6 +59,10 @@ def test_bad_input_is_one_line_with_status_2(records, capsys, tmp_path):
         (["nowhere.csv"], "nowhere.csv"),
         (["--healthy", "3", records["one"]], "--healthy"),
         ([records["one"]], "windows"),
+        (["--window", "1us", records["one"]], "--window: got 1e-06, expected 0.5 s or more"),
+        (["--window", "1h", records["one"]], "--window: got 3600.0, expected at most"),
+        (["--false-alarms", "0", records["one"]], "--false-alarms: got 0.0"),
+        (["--false-alarms", "2e3", records["one"]], "--false-alarms: got 2000.0"),
         (
             ["--false-alarms", "0", "--baseline", records["one"], "--baseline", records["two"], records["three"]],
             "false alarms",
@@ -84,3 +88,32 @@ def test_a_sensor_that_reads_in_few_rows_is_not_used_and_said_once(records, caps
     assert used.traits(whole).keys() >= found.keys()
     with pytest.raises(InputError, match="interferometer_m.*as in the first window"):
         used.traits(sparse)
+
+
+def test_records_of_unlike_sensors_are_judged_by_what_all_have(records, capsys, tmp_path):
+    """One bag with the interferometer and one without, in either order: refused before, the position's channel is left out now."""
+    whole = read_record(records["three"])
+    without = tmp_path / "without.csv"
+    write_record(dataclasses.replace(whole, columns={n: v for n, v in whole.columns.items() if n != "interferometer_m"}), without)
+    base = ["--baseline", records["one"], "--baseline", records["two"]]
+    for judged in ([records["three"], str(without)], [str(without), records["three"]]):
+        capsys.readouterr()
+        assert run("watch", ["--axis", AXIS, "--window", "5s", "--json", *base, *judged]) == 0
+        shown = capsys.readouterr()
+        found = json.loads(shown.out)
+        assert "torque" in found["channels"] and "position" not in found["channels"] and found["alarms"] == []
+        said = [line for line in shown.err.splitlines() if "interferometer_m" in line]
+        assert len(said) == 1 and "is not used" in said[0] and "0%" in said[0], shown.err
+
+
+@pytest.mark.parametrize("words, said", [
+    (["--window", "1s"], "--window: got 1.0, expected 2 … 600 s"), (["--window", "1h"], "--window: got 3600.0, expected 2 … 600 s"),
+    (["--healthy", "200000"], "--healthy: got 200000, expected 8 … 100000"), (["--false-alarms", "1e-5"], "--false-alarms: got 1e-05, expected 0.001 … 1000"),
+    (["--baseline", "nowhere.csv"], "nowhere.csv: file not found"), (["--baseline", "a,b.csv"], "--baseline: got 'a,b.csv'"),
+    (["--store", "/nowhere/history.sqlite"], "/nowhere/history.sqlite: got"), (["--axis", str(config_file("axes/voice_coil.yaml"))], "drive.type: got 'voice_coil'"),
+])
+def test_beside_a_running_cell_a_wrong_value_is_one_line_before_the_node_starts(monkeypatch, capsys, words, said):
+    monkeypatch.setattr("microstage_ros.commands.operation.watch._live", lambda arguments: pytest.fail("the node is started"))
+    assert run("watch", ["--axis", AXIS, *words]) == 2
+    shown = capsys.readouterr()
+    assert said in shown.err and len(shown.err.strip().splitlines()) == 1 and shown.out == ""

@@ -11,7 +11,7 @@ from rich.table import Table
 
 from microstage_ros import __version__
 from microstage_ros.commands import answer
-from microstage_ros.commands.axis import read_axis
+from microstage_ros.commands.axis import check_effects_fit, read_axis
 from microstage_ros.commands.drives import check_drive
 from microstage_ros.commands.parser import Parser
 from microstage_ros.commands.progress import progress
@@ -34,7 +34,9 @@ def main(argv=None):
     arguments = _parse(argv)
     axis = read_axis(arguments.axis)
     if arguments.machine:
-        axis = axis.simulated_on(machine_for(axis, arguments.machine))
+        machine = machine_for(axis, arguments.machine)
+        check_effects_fit(machine)
+        axis = axis.simulated_on(machine)
     check_drive("compare", axis)
     if arguments.opponents:
         return _contest(arguments, axis)

@@ -7,7 +7,7 @@ import pathlib
 import sys
 
 from microstage_ros.commands import answer
-from microstage_ros.commands.axis import warn
+from microstage_ros.commands.axis import check_effects_fit, warn
 from microstage_ros.commands.given_twice import refuse_given_twice
 from microstage_ros.commands.parser import Parser
 from microstage_ros.commands.progress import progress
@@ -66,6 +66,7 @@ def main(argv=None):
     if isinstance(machine, CoarseFine):
         return _of_two(machine, case, arguments)
     warn(machine)
+    check_effects_fit(machine)
     keep_earlier("--out", [pathlib.Path(arguments.out) / "report.json"], arguments.force)
     report = _series(case, arguments) if case.is_series or arguments.scheduler else _alone(case, arguments.jobs)
     answer.state(report=report, folder=str(arguments.out))

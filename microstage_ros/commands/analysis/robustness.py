@@ -14,7 +14,7 @@ from microstage_ros.commands import answer
 from microstage_ros.commands.analysis.ends_of_moves import show_ends
 from microstage_ros.commands.analysis.margins_cost import show_margins_cost
 from microstage_ros.commands.analysis.robustness_tables import document, of_machines, show
-from microstage_ros.commands.axis import read_axis
+from microstage_ros.commands.axis import check_effects_fit, read_axis
 from microstage_ros.commands.drives import check_drive
 from microstage_ros.commands.parser import Parser
 from microstage_ros.commands.progress import progress
@@ -195,6 +195,7 @@ def _chosen(arguments, axis):
     """The conditions that were asked for."""
     if arguments.machine:
         machine = machine_for(axis, arguments.machine)
+        check_effects_fit(machine)
         values = {
             key: machine.value(key)
             for key in machine.quantities

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from microstage_ros.commands import answer
-from microstage_ros.commands.axis import warn
+from microstage_ros.commands.axis import check_effects_fit, warn
 from microstage_ros.commands.parser import Parser
 from microstage_ros.commands.progress import progress
 from microstage_ros.control.runs.coarse_fine import coarse_fine_record
@@ -43,7 +43,11 @@ def main(argv=None):
     if both and arguments.machine:
         raise InputError("--machine", arguments.machine, f"nothing: {arguments.axis} has two components")
     machine = machine_for(axis, arguments.machine) if arguments.machine else None
-    if not both:
+    if both:
+        check_effects_fit(axis.coarse, run)
+        check_effects_fit(axis.fine)
+    else:
+        check_effects_fit(machine or axis, run)
         within_travel(machine or axis, run)
     out = Path(arguments.out)
     with progress("simulating") as bar:

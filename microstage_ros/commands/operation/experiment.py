@@ -5,14 +5,15 @@ import signal
 import sys
 import time
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from microstage_ros.commands import answer
 from microstage_ros.commands.__main__ import which_ros
-from microstage_ros.commands.axis import read_axis
-from microstage_ros.commands.backend import add_backend, chosen_backend
+from microstage_ros.commands.axis import check_effects_fit, read_axis
+from microstage_ros.commands.backend import SIMULATED, add_backend, chosen_backend
 from microstage_ros.commands.parser import Parser
 from microstage_ros.control.runs.run_file import load_run
 from microstage_ros.files import complete_folder, keep_earlier
@@ -38,7 +39,8 @@ def main(argv=None):
         description=(
             "Starts the nodes of an axis, or with --running joins those that are there, plays the reference of a run"
             " file (moves, scans, sines) through the controller's service follow_reference, and records everything; the"
-            " bag is a record for identify and diagnose."
+            " bag is a record for identify and diagnose. The simulated axis of a cell of its own has the effects of the"
+            " run file; controller and noise are those of the axis file."
         ),
     )
     parser.add_argument(
@@ -63,8 +65,11 @@ def main(argv=None):
     axis = read_axis(arguments.axis or config_file("axis.yaml"))
     out = Path(arguments.out)
     keep_earlier("--out", [out / "bag"], arguments.force)
-    reference = reference_of(load_run(arguments.run), axis)
+    run = load_run(arguments.run)
+    reference = reference_of(run, axis)
     backend = None if arguments.running else chosen_backend(arguments, axis)
+    if run.effects:
+        backend = with_effects(backend, run, axis)
     if backend:
         arguments.mode = backend.mode_or(arguments.mode)
     with complete_folder(out) as folder:
@@ -99,6 +104,28 @@ def reference_of(run, axis):
             f"places within {low:g} … {high:g} m",
         )
     return reference
+
+
+def with_effects(backend, run, axis):
+    """The backend with the effects of a run, beside those of its machine's file.
+
+    Parameters
+    ----------
+    backend : `ChosenBackend`; None: a cell that runs already. run : `Run`. axis : `Axis`.
+
+    Returns
+    -------
+    `ChosenBackend`. Raises InputError where nothing simulates the effects, or the machine cannot have them.
+    """
+    if backend is None or backend.name != SIMULATED:
+        says = (f"none, as backend {backend.name} has a machine of its own" if backend else
+                "none, as the cell that runs has its machine already: give them to ./microstage cell by --machine FILE")
+        raise InputError(f"{run.place}: effects", ", ".join(run.effects), says)
+    from microstage_ros.hardware.simulated import machine_for  # loads the compiled model: not for every experiment
+
+    options = backend.options
+    check_effects_fit(machine_for(axis, options.get("machine")), run)
+    return replace(backend, options={**options, "effects": {**options.get("effects", {}), **run.effects}})
 
 
 def _run(arguments, out, folder, reference, axis, backend):

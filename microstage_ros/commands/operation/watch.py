@@ -1,19 +1,26 @@
 """``watch``: is the axis still the machine that it was? Scores against its own healthy spread, live or from records."""
 
+import dataclasses
 import math
+from pathlib import Path
 
 from microstage_ros import __version__
 from microstage_ros.commands import answer, units
 from microstage_ros.commands.operator import name_live_axes
 from microstage_ros.commands.parser import Parser
 from microstage_ros.commands.progress import progress
+from microstage_ros.diagnosis.preprocessing.preparation import LEAST_ROWS
+from microstage_ros.files import missing
 from microstage_ros.model.axis_file import load_axis
-from microstage_ros.monitoring.health import IN_A_ROW, LEAST_WINDOWS, Watch
+from microstage_ros.monitoring.health import IN_A_ROW, LEAST_WINDOWS, MOST_FALSE_ALARMS, Watch
 from microstage_ros.monitoring.store import Store
 from microstage_ros.monitoring.traits import Machine
 from microstage_ros.monitoring.validation import EFFECTS, EXAMINED_WINDOW, examine, table
 from microstage_ros.monitoring.windows import DEFAULT_WINDOW, windows_of
+from microstage_ros.places import config_file
 from microstage_ros.quantities.errors import InputError
+from microstage_ros.quantities.spec import Spec
+from microstage_ros.quantities.yaml_text import yaml_tree
 from microstage_ros.records import read_record
 
 
@@ -68,10 +75,14 @@ def main(argv=None):
     arguments = parser.parse_args(argv)
     if arguments.healthy < LEAST_WINDOWS:
         raise InputError("--healthy", arguments.healthy, f"{LEAST_WINDOWS} or more")
+    if not 0.0 < arguments.false_alarms <= MOST_FALSE_ALARMS:
+        raise InputError("--false-alarms", arguments.false_alarms,
+                         f"false alarms per month, a number above 0 and up to {MOST_FALSE_ALARMS:g}")
     axis = load_axis(arguments.axis)
     if arguments.examine is not None:
         return _examine(axis, arguments)
     if not arguments.records:
+        _check_live(arguments, axis)
         return _live(arguments)
     with Store(arguments.store or ":memory:", axis.name, arguments.window) as store:
         return _judge_records(arguments, Machine(axis), store)
@@ -79,6 +90,7 @@ def main(argv=None):
 
 def _judge_records(arguments, machine, store):
     """Learn what is healthy, judge the rest, tell. Returns 0."""
+    _meet(arguments, machine)
     _learn(arguments.baseline, machine, store, arguments.window)
     records = list(arguments.records)
     watch, judged, alarms = None, 0, {}
@@ -105,6 +117,46 @@ def _judge_records(arguments, machine, store):
         )
     _say_end(judged, alarms, watch)
     return 0
+
+
+def _meet(arguments, machine):
+    """Show the machine every window that is to come: a sensor that one of them lacks is used in none. Raises InputError
+    where no record can be cut into such windows."""
+    longest, names = 0.0, dict.fromkeys((*arguments.baseline, *arguments.records))
+    with progress("reading", total=len(names)) as bar:
+        for name in names:
+            record = dataclasses.replace(read_record(name), remarks=())
+            if round(arguments.window / record.period_s) < LEAST_ROWS:
+                raise InputError("--window", arguments.window,
+                                 f"{LEAST_ROWS * record.period_s:g} s or more: {LEAST_ROWS} control periods of {name}")
+            longest = max(longest, len(record) * record.period_s)
+            for _, window in windows_of(record, arguments.window):
+                machine.meet(window)
+            bar.advance()
+    if longest < arguments.window:
+        raise InputError("--window", arguments.window, f"at most {longest:g} s, as long as the longest record is")
+
+
+def _check_live(arguments, axis):
+    """Raise InputError for what the node would refuse when it starts: values outside the ranges of its parameter file,
+    another kind of axis, a history of another axis or window."""
+    place = config_file("health_monitor.yaml")
+    entries = yaml_tree(place.read_text(encoding="utf-8"), str(place))
+    for option, name, value in (
+        ("--window", "window", arguments.window),
+        ("--healthy", "healthy_windows", arguments.healthy),
+        ("--false-alarms", "false_alarms_per_month", arguments.false_alarms),
+    ):
+        entry = entries[name]
+        Spec(entry["unit"], entry["minimum"], entry["maximum"], entry["description"]).check(value, option)
+    for path in arguments.baseline:
+        if "," in path:
+            raise InputError("--baseline", path, "a name without a comma beside a running axis")
+        if not Path(path).exists():
+            raise missing(path, "a record: .mcap, bag folder, .csv[.gz|.xz]")
+    Machine(axis)
+    if arguments.store:
+        Store(arguments.store, axis.name, arguments.window).close()
 
 
 def _learn(paths, machine, store, window_s):

@@ -54,7 +54,7 @@ def main(root, digest):
         return 1
     except KeyboardInterrupt:
         print("\nmicrostage: set-up interrupted; the next command goes on with it", file=sys.stderr)
-        return 130
+        return 1
     return 0
 
 

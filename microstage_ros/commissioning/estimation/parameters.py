@@ -10,6 +10,7 @@ from microstage_ros.commissioning.estimation.force_axis import MOVING, WELL, ide
 from microstage_ros.commissioning.estimation.known import load_bounds, moving_mass
 from microstage_ros.commissioning.estimation.plant_fit import fit_plant
 from microstage_ros.commissioning.estimation.smoothing import smoothed
+from microstage_ros.commissioning.sketch import USUAL
 from microstage_ros.identification.estimators.estimate import Estimate
 from microstage_ros.identification.intake import take_in
 from microstage_ros.identification.pipeline import identify
@@ -58,7 +59,7 @@ curve on sixteen (7501 to 7516: what its variability explains is in the scatter)
 
 
 def identified(records, axis, sketch, found, response, seed):
-    """(`Axis`, estimates by key) from closed-loop records.
+    """(`Axis`, estimates by key, remarks) from closed-loop records; a number of both has one standard uncertainty.
 
     Parameters
     ----------
@@ -68,21 +69,22 @@ def identified(records, axis, sketch, found, response, seed):
     if axis.choices["drive.type"] != "voltage_motor":
         axis, estimates, fit, remarks = identify_force(records, axis, sketch, found, response, seed)
         if fit is not None and axis.has("transmission.stiffness"):
-            axis = _drive_train(axis, sketch, fit, estimates)
-        return axis, estimates, remarks
+            axis = _drive_train(axis, sketch, fit, estimates, remarks)
+        return with_errors_of(axis, estimates), estimates, remarks
     current_free = not found.has_current
     try:
         taken = [take_in(_with_current(r, axis) if current_free else r, axis)[0] for r in records]
-        result = identify(iter(taken), axis, seed)
-        if _far(result, axis):
-            result = identify(iter(taken), result.to_axis(axis), seed)
+        stated = axis if "drive.noise" in sketch.given and not current_free else axis.with_values({"drive.noise": 0.0})
+        result = identify(iter(taken), stated, seed)  # a noise that the sketch does not state is held against nothing
+        if _far(result, stated):
+            result = identify(iter(taken), result.to_axis(stated), seed)
     except InputError as error:
         return (
             axis,
             {},
             [f"The records were not explained by the model ({error}); the numbers of the first measurements stay."],
         )
-    estimates = dict(result.estimates)
+    estimates, remarks = dict(result.estimates), list(result.remarks)
     if current_free:
         estimates = {
             key: replace(e, determined=False, remark="without a current only voltages are known")
@@ -108,19 +110,26 @@ def identified(records, axis, sketch, found, response, seed):
     if fit is not None:
         axis = _inertia(axis, fit, estimates, current_free)
     if fit is not None and axis.has("transmission.stiffness") and "transmission.stiffness" in fit.values:
-        axis = _drive_train(axis, sketch, fit, estimates)
+        axis = _drive_train(axis, sketch, fit, estimates, remarks)
     shared = guideway_doubt(axis, sketch)
     widened = {key: _widened(e, shared.get(key, 0.0)) for key, e in estimates.items()}
     for key, why in unseen(widened, axis.value("period")).items():
         widened[key] = replace(widened[key], determined=False, remark=why)
     if "drive.inductance" in widened and not widened["drive.inductance"].determined:
         axis = axis.with_values({"drive.inductance": sketch.axis.value("drive.inductance")}, source="estimate")
-    spreads = {key: e.stderr for key, e in widened.items() if e.determined and axis.has(key) and key in SYSTEMATIC}
-    return (
-        axis.with_values({key: axis.value(key) for key in spreads}, source="identified", stderr=spreads),
-        widened,
-        list(result.remarks),
-    )
+    return with_errors_of(axis, widened), widened, remarks
+
+
+def with_errors_of(axis, estimates):
+    """The `Axis` with the standard uncertainties of the ``estimates`` (by key), whose numbers it has: the axis file and
+    the report say the same of a number, whether it is determined or only the best there is."""
+    spreads = {
+        key: e.stderr
+        for key, e in estimates.items()
+        if axis.has(key) and e.stderr is not None and (e.determined or axis.quantity(key).stderr is not None)
+        and np.array_equal(axis.value(key), e.value)
+    }
+    return axis.with_values({key: axis.value(key) for key in spreads}, source="identified", stderr=spreads)
 
 
 def _far(result, axis):
@@ -248,18 +257,19 @@ def _tied(axis, estimates):
     )
 
 
-def _drive_train(axis, sketch, fit, estimates):
+def _drive_train(axis, sketch, fit, estimates, remarks):
     """Stiffness and damping by the measured resonance, for the mass that the axis file has: their ratio to it is what
-    shows."""
+    shows.
+
+    Their standard uncertainty is that of the ratio, so that the file's resonance is as well known as it was measured;
+    the interval, and whether they are determined, take the mass's doubt with them.
+    """
     mass = sketch.spread("stage.mass")
-    values, spreads, given = {}, {}, {}
+    values, given = {}, {}
     for key, unit in (("transmission.stiffness", "N/m"), ("transmission.damping", "N s/m")):
         relative = math.hypot(fit.relative[key], mass)
         value = fit.values[key]
-        values[key], spreads[key] = value, relative * value
-        given[key] = (
-            fit.relative[key] * value
-        )  # for the file's mass: so the resonance is as well known as it was measured
+        values[key], given[key] = value, fit.relative[key] * value
         why = (
             ""
             if relative < WELL
@@ -269,13 +279,18 @@ def _drive_train(axis, sketch, fit, estimates):
             key,
             value,
             unit,
-            spreads[key],
+            given[key],
             value * math.exp(-1.96 * relative),
             value * math.exp(1.96 * relative),
             relative < WELL,
             "response in sliding",
             why,
         )
+    remarks.append(
+        f"Stiffness and damping of the drive train are those for a stage of {axis.value('stage.mass'):.4g} kg, as in"
+        f" axis.yaml, and so are their standard uncertainties: they go with the mass, which is known within {mass:.0%}"
+        " (one standard deviation)."
+    )
     error = fit.resonance_error * fit.resonance
     estimates["resonance of the drive train"] = Estimate(
         "resonance of the drive train",
@@ -315,7 +330,7 @@ def draws(axis, estimates, count, seed, sketch=None):
         and axis.value(e.key) > 0.0
         and not e.key.startswith(("variability", "sensors", "transmission"))
     ]
-    train, moving = _drive_train_doubt(axis, estimates), estimates.get(MOVING)
+    train, moving = _drive_train_doubt(axis, estimates, sketch), estimates.get(MOVING)
     found = []
     for _ in range(count):
         values = {
@@ -356,15 +371,14 @@ def _shared_out(axis, total, mass, ratio):
     return values | {key: axis.value(key) * reduced * ratio for key in train}
 
 
-def _drive_train_doubt(axis, estimates):
+def _drive_train_doubt(axis, estimates, sketch):
     """Standard deviations (logarithms) of the mass, and of stiffness and damping over mass, which the resonance tells;
-    None without a resonance."""
-    whole = estimates.get("transmission.stiffness")
-    if whole is None or not axis.has("transmission.stiffness"):
+    None without a resonance. Without a ``sketch`` the mass is in doubt as one that it does not give."""
+    if "transmission.stiffness" not in estimates or not axis.has("transmission.stiffness"):
         return None
     ratio, damping = (
         (axis.quantity(key).stderr or 0.0) / axis.value(key)
         for key in ("transmission.stiffness", "transmission.damping")
     )
-    both = float(whole.stderr) / float(whole.value)
-    return min(math.sqrt(max(both**2 - ratio**2, 0.0)), 0.5), min(ratio, 0.5), min(damping, 0.5)
+    mass = sketch.spread("stage.mass") if sketch is not None else math.log1p(USUAL) / math.sqrt(3.0)
+    return min(mass, 0.5), min(ratio, 0.5), min(damping, 0.5)
