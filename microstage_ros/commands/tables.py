@@ -12,7 +12,14 @@ from microstage_ros.quantities.errors import InputError
 from microstage_ros.report.stamped import read_tables, stamp_now, write_table
 
 CONTROL = ("control", "model", "solver")
-DIAGNOSIS = ("diagnosis", "model", "solver")
+#: What decides the answer to a screw axis's records, and what makes these: not its pages, nor logs of other machines
+DIAGNOSIS = (
+    *(f"diagnosis/{part}" for part in (
+        "batch.py", "beyond_the_known.py", "case.py", "result.py", "catalogue", "preprocessing", "prerequisites",
+        "residuals", "selection")),
+    *(f"diagnosis/validation/{part}.py" for part in (
+        "campaign", "fault_injection", "second_world", "simulated_records", "ways")),
+    "model", "solver")
 FORCE_BALANCE = ("diagnosis/resimulation", "solver", "control/laws")
 FIRST_DAY = ("commissioning", "identification", "control", "model", "solver")
 CODE = {("figures", "emps"): FORCE_BALANCE, ("figures", "first-day"): FIRST_DAY, "figures": DIAGNOSIS,

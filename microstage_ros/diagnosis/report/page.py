@@ -5,11 +5,7 @@ Takes the mapping of report.json for every number, so that page and file cannot 
 """
 
 from microstage_ros.diagnosis.report.drawing import curves, strengths
-<<<<<<< HEAD
-from microstage_ros.diagnosis.report.wording import TONES, VERDICTS, advice_for, is_measured, name_of
-=======
-from microstage_ros.diagnosis.report.wording import TONES, VERDICTS, advice_for, listed, name_of, worded
->>>>>>> mend-pages
+from microstage_ros.diagnosis.report.wording import TONES, VERDICTS, advice_for, is_measured, listed, name_of, worded
 from microstage_ros.report.page import Page
 from microstage_ros.quantities.readable import quantity
 
