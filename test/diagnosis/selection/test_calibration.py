@@ -15,7 +15,7 @@ from microstage_ros.diagnosis.selection.calibration import (
     probability,
     write_calibration,
 )
-from microstage_ros.diagnosis.validation import campaign, second_world
+from microstage_ros.diagnosis.validation import campaign, second_world, ways
 from microstage_ros.diagnosis.validation.campaign import Outcome, reliability
 from microstage_ros.diagnosis.validation.simulated_records import Hidden
 from microstage_ros.model.axis_file import load_axis
@@ -172,7 +172,7 @@ def test_the_second_worlds_programme_repeats_with_its_seed_and_rests_with_the_mo
 
 
 def test_the_worlds_are_the_campaigns():
-    assert set(campaign.WORLDS) == {"first", "second"} and campaign.WORLDS["second"] is second_world.make_case
+    assert set(ways.CASES) == {"first", "second"} and ways.CASES["second"] is second_world.make_case
     assert campaign.examinations(2, 1, "axis.yaml", world="second")[0].world == "second"
     assert Hidden("x").effects == {}
 
