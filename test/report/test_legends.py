@@ -127,6 +127,12 @@ def test_response_times_are_read_with_their_unit():
     assert {"10 µs", "100 µs", "1 ms", "10 ms"} <= {label.get_text() for label in axes.get_xticklabels()}
 
 
+def test_strengths_on_a_logarithmic_axis_are_plain_numbers():
+    axes = FIGURES["strengths"]().axes[0]
+    axes.figure.draw_without_rendering()
+    assert axes.get_xscale() == "symlog" and [label.get_text() for label in axes.get_xticklabels()][:3] == ["0", "1", "10"]
+
+
 def test_margins_have_as_many_digits_as_their_doubt_lets_stand():
     """A gain margin was stated as 2.4 dB ± 0.0 dB, and one that is not there as inf."""
     said = report._margins_in_words(MeasuredMargins(26.1, 0.06, 2.4137, 0.014, 64.2, 4.6, 3745.0))
