@@ -4,9 +4,13 @@ phones."""
 import io
 import pickle
 import re
+import textwrap
 
 NARROW_INCH = 4.1
 """Width of the form for narrow windows: text keeps its size at 390 pixels."""
+
+MOST_OF_WIDTH = 0.75
+"""Share of a narrow form's width that a line below an axis may take."""
 
 NARROWEST_ROW_INCH = 2.1
 JOINED_FROM = 60
@@ -58,6 +62,10 @@ def narrowed(figure):
     for axes in figure.axes:
         if axes.get_legend() is not None:
             legend_above(axes)
+        label = axes.xaxis.label
+        share = label.get_window_extent().width / (MOST_OF_WIDTH * figure.bbox.width)
+        if share > 1.0:
+            label.set_text(textwrap.fill(label.get_text(), int(len(label.get_text()) / share)))
         axes.locator_params(axis="x", nbins=5) if axes.get_xscale() == "linear" and _plain_ticks(axes.xaxis) else None
     return figure
 

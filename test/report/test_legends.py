@@ -38,6 +38,9 @@ def covered(figure):
             for title in (other.title, other._left_title, other._right_title, other.xaxis.label):
                 if title.get_text() and box.overlaps(title.get_window_extent()):
                     found.append(title.get_text())
+        below = axes.xaxis.label.get_window_extent()
+        if below.x0 < figure.bbox.x0 or below.x1 > figure.bbox.x1:
+            found.append("label beyond the edge")
         if box.x0 < figure.bbox.x0 or box.x1 > figure.bbox.x1 or box.y1 > figure.bbox.y1:
             found.append("edge")
     return found
@@ -87,7 +90,7 @@ FIGURES = {
     "many long labels": lambda: plotted([f"response of the plant, condition number {k}, in closed loop" for k in range(5)], 2),
     "residual": lambda: curves(Picture("k", "t", "time [s]", "stage [m]", {"measured": (X, np.sin(90 * X)), "model": (X, np.cos(90 * X))}, "backlash")),
     "strengths": lambda: strengths([Finding("torque", f"coordinate {k}", 30.0 - 4 * k, 1.0, 2.0) for k in range(7)]),
-    "course": lambda: course([Point(f"log {k}", 0, 0.1 * k, 0.1, k < 3) for k in range(8)], "change\n[% of the level]", [3]),
+    "course": lambda: course([Point(f"log {k}", 0, 0.1 * k, 0.1, k < 3) for k in range(8)], "change\n[% of the level]", [3], per_log=True),
     "moves": moves,
     "response times": timing,
     "frequency response": bode,
@@ -122,6 +125,12 @@ def test_response_times_are_read_with_their_unit():
     axes = timing().axes[0]
     axes.figure.draw_without_rendering()
     assert {"10 µs", "100 µs", "1 ms", "10 ms"} <= {label.get_text() for label in axes.get_xticklabels()}
+
+
+def test_strengths_on_a_logarithmic_axis_are_plain_numbers():
+    axes = FIGURES["strengths"]().axes[0]
+    axes.figure.draw_without_rendering()
+    assert axes.get_xscale() == "symlog" and [label.get_text() for label in axes.get_xticklabels()][:3] == ["0", "1", "10"]
 
 
 def test_margins_have_as_many_digits_as_their_doubt_lets_stand():

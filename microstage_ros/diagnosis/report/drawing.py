@@ -55,5 +55,6 @@ def strengths(findings):
     axes.set_xlabel("strength over what chance gives")
     if largest > LINEAR:
         axes.set_xscale("symlog", linthresh=1.0)
+        axes.xaxis.set_major_formatter("{x:g}")
     legend_above(axes)
     return figure

@@ -248,4 +248,6 @@ def _healthy(page, report):
         for h in report["healthy"]
         if h["value"] is not None
     ]
-    page.table(("channel", "condition", "size", "value ± standard error"), rows)
+    header = ("channel", "condition", "size", "value ± standard error")
+    shown = [k for k in range(len(header)) if k != 1 or any(row[k] for row in rows)]
+    page.table([header[k] for k in shown], [[row[k] for k in shown] for row in rows])

@@ -188,7 +188,7 @@ def course(points, label, changes=(), per_log=False):
     axes.axhline(0.0, color=COLOURS["grey"], lw=0.7, zorder=0)
     axes.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
     axes.set_xlabel(
-        "log of now, in the order given; the baseline's are below 1" if per_log
+        "log of now, in the order given (baseline: 0 and below)" if per_log
         else "repetition, in the order of the logs"
     )
     axes.set_ylabel(label)
@@ -206,7 +206,7 @@ def ripple(result):
     ]
     if not keys:
         return None
-    figure, axes = new_figure(len(keys[:2]), 1, height=1.8, sharex=True, squeeze=False)
+    figure, axes = new_figure(len(keys[:2]), 1, height=2.2, sharex=True, squeeze=False)
     for axis, key in zip(axes[:, 0], keys[:2]):
         orders, now = spectra[key]
         _, before = spectra[(False, *key[1:])]

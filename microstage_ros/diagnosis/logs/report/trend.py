@@ -198,7 +198,7 @@ def _page(trend, report, tree, description, path):
     page.section("What has changed" + (" for a time" if tree["passed"] else ""))
     report = tree["passed"]["report"] if tree["passed"] else report
     page.list([f"{name_of(c['id'])}: {size_of(c)}. {advice_for(c['id'])}" for c in report["causes"]]
-              + [f"{listed([name_of(i) for i in r['ids']], 'or')}: {r['experiment']} would decide."
+              + [f"Open, {listed([name_of(i).lower() for i in r['ids']], 'or')}. This would decide: {r['experiment']}."
                  for r in report["rivals"]] or ["Nothing."])
     page.section("Courses")
     for name, (points, changes) in sorted(trend.courses.items(), key=lambda item: -_movement(item[1][0])):
