@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from microstage_ros.diagnosis.logs.case import diagnose_logs
+from microstage_ros.diagnosis.logs.selection import decide
 from microstage_ros.diagnosis.logs.selection.course import change_points
 from microstage_ros.diagnosis.logs.selection.sizes import widening
 from microstage_ros.diagnosis.validation import foreign_machine as machines
@@ -170,3 +171,32 @@ def test_what_is_named_or_open_is_not_listed_as_not_visible(monkeypatch):
     result = diagnosed({"level": 90.0, "viscous": 450.0})
     causes, rivals = told(result)
     assert rivals and not {*causes, *rivals} & set(result.hidden) and "screw_pitch_error" in result.hidden
+
+
+def test_the_gain_is_of_repetitions_that_neither_chose_nor_sized_the_cause(monkeypatch):
+    """Each half of the six is judged by what the other three choose alone; what they do not choose gains nothing."""
+    choose, seen = decide.choose, []
+
+    def watched(problem, *options):
+        seen.append(problem.difference)
+        return choose(problem, *options)
+
+    monkeypatch.setattr(decide, "choose", watched)
+    found = diagnosed({"spring": 600.0}).diagnosis
+    assert "chosen and sized on the other" in found.gain.metric
+    assert found.gain.after < 0.5 * found.gain.before and found.causes[0].share > 0.8
+    effort = [difference for difference in seen if len(difference) == len(seen[0])]
+    whole, even, odd = effort[0], *effort[-2:]
+    assert not np.allclose(even, odd) and np.allclose(0.5 * (even + odd), whole, atol=1e-6)
+
+    monkeypatch.setattr(decide, "choose", lambda *given: [] if len(seen) == 2 else seen.append(0) or choose(*given))
+    seen.clear()
+    alone = diagnosed({"spring": 600.0}).diagnosis
+    assert [cause.id for cause in alone.causes] == ["cable_spring"] and alone.causes[0].share == 0.0
+    assert alone.gain.after == alone.gain.before and any("would not name" in note for note in alone.notes)
+
+
+def test_the_gain_of_a_single_repetition_says_that_it_is_none_on_others():
+    found = diagnosed({"spring": 600.0}, runs=1).diagnosis
+    assert [cause.id for cause in found.causes] == ["cable_spring"]
+    assert "no gain on others" in found.gain.metric and any("one repetition of now only" in note for note in found.notes)

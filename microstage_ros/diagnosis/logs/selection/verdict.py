@@ -12,11 +12,12 @@ from microstage_ros.diagnosis.logs.selection.context import LogDiagnosis, health
 from microstage_ros.diagnosis.logs.selection.effects import (
     BEHIND, BEHIND_NEED, FOLLOWING, FORCED, FROM_READING, SIGNATURES, WITHOUT_EFFORT, separation,
 )
+from microstage_ros.diagnosis.logs.selection.gain import gain_of
 from microstage_ros.diagnosis.logs.selection.sizes import Fitted, parameters_of, widening
-from microstage_ros.diagnosis.logs.selection.stages import build, stages_of
+from microstage_ros.diagnosis.logs.selection.stages import stages_of
 from microstage_ros.diagnosis.logs.selection.visibility import LARGEST
 from microstage_ros.diagnosis.report.wording import sentence_of
-from microstage_ros.diagnosis.result import Cause, Diagnosis, Finding, Improvement, OverallImprovement, Rivals
+from microstage_ros.diagnosis.result import Cause, Diagnosis, Finding, Improvement, Rivals
 
 LATE_S, GAP = 0.02, 0.005  # s, and share of the stroke: sizes that are counted as visible if they would be found
 #: Names in the effort that a rough reading can feign where the motion is known from that reading alone.
@@ -67,7 +68,8 @@ def answer(reduced, spreads, groups, context, notes, open_sign, seed):
             _misread(stages[0], stage)
         changed = changed or bool(stage.chosen) or stage.whole < decide.WHOLE
     causes, rivals, rival_sizes = [], [], []
-    gain, parts = _gain(stages, groups)
+    gain, parts, said = gain_of(stages, groups, open_sign)
+    notes += said
     for stage in stages:
         for choice in stage.chosen:
             cause = _cause(stage, choice, context, parts)
@@ -228,59 +230,6 @@ def _sizes(stage, names, name, context):
     reach = float(np.sqrt(np.mean(column[column != 0.0] ** 2))) if column.any() else 1.0
     plain, parts = decide.plain(name), problem.parts[name]
     return parameters_of(plain, Fitted(parts, beta[own], spread_of, context, channel, reach)), channel
-
-
-def _gain(stages, groups):
-    """`OverallImprovement` on repetitions that the sizes were not learned from, and each cause's (share, before,
-    after)."""
-    totals = {"before": 0.0, "after": 0.0, "floor": 0.0, "k": 0}
-    parts, excesses = {}, []
-    for stage in stages:
-        first = next(iter(stage.coordinates.values()))
-        count = len(first.now)
-        if count >= 2:
-            learn, held = np.arange(0, count, 2), np.arange(1, count, 2)
-            base = {n: r.baseline for n, r in stage.coordinates.items()}
-            teacher, judge = (
-                build(stage, {n: r.now[which] for n, r in stage.coordinates.items()}, base) for which in (learn, held)
-            )
-        else:
-            teacher = judge = stage.problem
-        names = [c.name for c in stage.chosen]
-
-        def left(ids, teacher=teacher, judge=judge):
-            if not ids:
-                return judge.whole
-            rest = judge.factor[0] - np.hstack([judge.white[n] for n in ids]) @ teacher.taken(ids)[1]
-            return float(rest @ rest)
-
-        k = len(judge.difference)
-        before, after = left([]), left(names)
-        floor = min(stage.problem.whole_inflation * k, before)
-        excesses.append(max(before - floor, before - after, 1e-9))
-        totals["before"] += before
-        totals["after"] += after
-        totals["floor"] += floor
-        totals["k"] += k
-        for name in names:
-            without = left([n for n in names if n != name])
-            parts[name] = (without - after, math.sqrt(max(without, 0.0) / k), math.sqrt(max(after, 0.0) / k))
-    excess = max(sum(excesses), sum(max(p[0], 0.0) for p in parts.values()), 1e-9)
-    parts = {name: (float(np.clip(p[0] / excess, 0.0, 1.0)), p[1], p[2]) for name, p in parts.items()}
-    rms = {name: math.sqrt(max(value, 0.0) / totals["k"]) for name, value in totals.items()}
-    half = 1.96 / math.sqrt(2.0 * totals["k"]) * rms["after"]
-    single = len(next(iter(stages[0].coordinates.values())).now) < 2
-    held_names = tuple(dict.fromkeys(rows.log.source for rows in groups["now"]))
-    return OverallImprovement(
-        "rms of the change over its healthy spread"
-        + (", on the repetition that taught it" if single else ", every second repetition"),
-        "1",
-        held_names,
-        rms["before"],
-        rms["after"],
-        rms["floor"],
-        (max(rms["after"] - half, 0.0), rms["after"] + half),
-    ), parts
 
 
 COORDINATES = {
