@@ -6,6 +6,7 @@ from scipy.integrate import solve_ivp
 
 from microstage_ros.control.runs.run_file import Run
 from microstage_ros.control.runs.simulate import simulate
+from microstage_ros.diagnosis.resimulation import pictures
 from microstage_ros.diagnosis.resimulation.closed_loop import ClosedLoop, measured
 from microstage_ros.diagnosis.resimulation.folds import left_out_residual, make_folds, repetition
 from microstage_ros.model.axis_file import load_axis
@@ -137,3 +138,21 @@ def test_published_emps_parameters_leave_what_others_report(axis):
                          part.position_at_start, 0.0, part.law)
     jolted = ClosedLoop([at_rest]).residual(axis)
     assert 0.050 < np.linalg.norm(jolted) / np.linalg.norm(part.force) < 0.058
+
+
+def test_a_residual_that_grows_with_the_frequency_of_the_reference_says_so(axis):
+    """Sines of 2, 4 and 8 Hz, a second each in no order, and a residual without a mean whose size is as their
+    acceleration's."""
+    order, time = np.array([2.0, 8.0, 4.0, 2.0, 2.0, 8.0, 2.0, 4.0, 8.0, 8.0, 4.0, 4.0]), np.arange(1000) * 1e-3
+    reference = np.concatenate([0.05 + 1e-3 * np.sin(2.0 * np.pi * f * time) for f in order])
+    parts = [_part(axis, reference, 0.05, 0.0)]
+    rows = np.arange(len(reference))
+    coordinates = pictures.coordinates(parts, axis, rows)
+    assert coordinates["reference frequency"][0][500::1000] == pytest.approx(order, rel=0.05)
+    residual = np.random.default_rng(4).normal(size=len(rows)) * np.repeat(0.025 * order**2, 1000)
+    found = {f.coordinate: f for f in pictures.findings(coordinates, residual, 0.1 * residual, 1)}
+    assert found["reference frequency"].significant and found["reference frequency"].left < 1e-3
+    even = {f.coordinate: f for f in pictures.findings(coordinates, np.random.default_rng(5).normal(size=len(rows)), residual, 1)}
+    assert not even["reference frequency"].significant
+    still = [_part(axis, np.full(2000, 0.05), 0.05, 0.01)]
+    assert "reference frequency" not in pictures.coordinates(still, axis, np.arange(2000))

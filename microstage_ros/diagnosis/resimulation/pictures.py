@@ -10,6 +10,9 @@ CURVE_BINS = 60
 SHOWS = tuple((effect.shows_against, name) for name, effect in REGISTRY.items() if effect.drives or effect.sensors)
 SHIFTS = 60                    # circular shifts that set a coordinate's threshold
 SHOWN = 600                    # points of a curve
+FREQUENCY = "reference frequency"
+# s in which the reference has one frequency; derived: a cycle of 2 Hz, below which a loop follows as it stands still
+WINDOW_S = 0.5
 SEEN_SPEED = 0.02              # share of the top speed below which a direction is not reported
 
 
@@ -30,7 +33,20 @@ def coordinates(parts, axis, rows):
         "screw turn": (turn - np.floor(turn), "screw turn [turns]"),
         "time": (np.concatenate([part.time for part in parts]), "time [s]"),
     }
+    frequency = np.concatenate([_frequency(part.reference, period) for part in parts])
+    if np.ptp(frequency[rows]) > 0.0:
+        found[FREQUENCY] = (frequency, "frequency of the reference [Hz]")
     return {name: (values[rows], label) for name, (values, label) in found.items()}
+
+
+def _frequency(reference, period):
+    """Frequency [Hz] of the reference about every row: of a sine, √(Σ a²/Σ v²)/2π over `WINDOW_S`; 0 where it rests."""
+    width = max(int(WINDOW_S / period), 3)
+    speed = np.gradient(reference, period)
+    power = _smooth(speed**2, width)
+    faint = 1e-9 * float(power.max())      # derived: rounding of the running sum
+    ratio = np.maximum(_smooth(np.gradient(speed, period) ** 2, width), 0.0) / np.maximum(power, 1e-300)
+    return np.where(power > faint, np.sqrt(ratio) / (2.0 * np.pi), 0.0)
 
 
 def _smooth(values, width):
@@ -40,18 +56,21 @@ def _smooth(values, width):
 def findings(coordinates, before, after, seed, quantity="force"):
     """`Finding` for every coordinate: share of the residual's variance that its bins carry.
 
-    The threshold is the largest share over circular shifts of the residual against the coordinate, so it
-    holds for a residual that is correlated in time. ``before``, ``after``: the residuals, shape (rows,); ``seed``: of
-    the shifts [1].
+    The threshold is the largest share over circular shifts of the residual against the coordinate, by a tenth of the
+    rows and more either way, so it holds for a residual that is correlated in time. Of the reference's frequency it is
+    the variance of the residual's square, as a loop that follows late leaves more the faster it goes and no mean.
+    ``before``, ``after``: the residuals, shape (rows,); ``seed``: of the shifts [1].
     """
     generator = np.random.default_rng(seed)
     found = []
     for name, (values, _) in coordinates.items():
-        bins = _bins(values)
-        shifts = generator.integers(len(values) // 10, len(values), SHIFTS)
-        threshold = max(_share(bins, np.roll(before, shift)) for shift in shifts)
-        left = _share(bins, after) * min(float(np.var(after) / np.var(before)), 1.0)
-        found.append(Finding(quantity, name, _share(bins, before), threshold, left))
+        bins, first, last = _bins(values), before, after
+        if name == FREQUENCY:
+            first, last = before**2, after**2
+        shifts = generator.integers(len(values) // 10, len(values) - len(values) // 10, SHIFTS)
+        threshold = max(_share(bins, np.roll(first, shift)) for shift in shifts)
+        left = _share(bins, last) * min(float(np.var(last) / np.var(first)), 1.0)
+        found.append(Finding(quantity, name, _share(bins, first), threshold, left))
     return tuple(sorted(found, key=lambda finding: finding.threshold / max(finding.statistic, 1e-12)))
 
 
