@@ -189,6 +189,8 @@ def run(examined, jobs, scheduler=None):
         yield from map(examine, examined)
     else:
         for _, outcome in on_cores(examined, examine, jobs):
+            if isinstance(outcome, Exception):
+                raise outcome
             yield outcome
 
 

@@ -105,15 +105,21 @@ def ways_of(world, axis, what, seed, friction, answer, baseline):
 def _without(world, axis, what, seed, friction, cause, answer, baseline):
     """(χ² above the machine without the ``cause``, its standard error); None where the diagnosis of that machine names
     anything but what it hides: then it is no floor."""
-    names = tuple(name for name in what.ids if name != cause.id)
-    other = dataclasses.replace(what, ids=names, effects={name: what.effects[name] for name in names})
+    other = _all_but(what, cause.id)
     friction, law = friction * level_of(what) / level_of(other), LAWS[world](what, seed, friction)
     records, holdout, _ = CASES[world](axis, other, seed, friction, **law)
     its = diagnose_records(axis, records, holdout, baseline, seed=0)
-    if {one.id for one in its.causes} != set(names):
+    if {one.id for one in its.causes} != set(other.ids):
         return None
     mine, floor = answer.remains.get(cause.channel), its.remains.get(cause.channel)
     return above(mine, floor) if mine and floor and len(mine.energy) == len(floor.energy) else None
+
+
+def _all_but(what, name):
+    """`Hidden` without one effect; one that is no entry of ``effects`` is the course in ``after``."""
+    kept = {one: section for one, section in what.effects.items() if one != name}
+    return dataclasses.replace(what, ids=tuple(one for one in what.ids if one != name), effects=kept,
+                               after=what.after if name in what.effects else None)
 
 
 def level_of(what):

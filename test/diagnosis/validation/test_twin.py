@@ -104,6 +104,24 @@ def test_every_named_cause_is_counted():
     assert counts[ways.OVER_TWIN] == (1, 2)
 
 
+def test_a_drift_with_a_course_of_its_own_goes_with_its_name():
+    def course(columns, generator):
+        raise AssertionError
+
+    both = Hidden("lag+drift", ("frictional_lag", "thermal_drift"), LAG.effects, after=course)
+    assert ways._all_but(both, "frictional_lag") == Hidden("lag+drift", ("thermal_drift",), {}, after=course)
+    assert ways._all_but(both, "thermal_drift") == Hidden("lag+drift", ("frictional_lag",), LAG.effects)
+    listed = Hidden("lag+drift", ("frictional_lag", "thermal_drift"), LAG.effects | {"thermal_drift": {"rate_m_s": 1e-9}})
+    assert ways._all_but(listed, "thermal_drift") == Hidden("lag+drift", ("frictional_lag",), LAG.effects)
+
+
+def test_a_case_that_breaks_the_examiner_ends_the_campaign(monkeypatch):
+    """It was handed on as an outcome, and ended the campaign where its kind was asked for."""
+    monkeypatch.setattr(campaign, "on_cores", lambda examined, examine, jobs: [(one, KeyError("thermal_drift")) for one in examined])
+    with pytest.raises(KeyError, match="thermal_drift"):
+        list(campaign.run(campaign.examinations(2, 1, "axis.yaml"), jobs=2))
+
+
 @pytest.mark.parametrize("said, counts", [(("gravity_tilt",), True), ((), False), (("gravity_tilt", "backlash"), False)])
 def test_of_a_pair_the_other_effect_alone_is_the_floor_if_its_diagnosis_is_right(monkeypatch, said, counts):
     """A soft drive makes every balance louder: the healthy twin left 4372 of χ² to a tilt of 11 467, the drive alone 282."""
