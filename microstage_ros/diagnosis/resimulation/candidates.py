@@ -98,6 +98,7 @@ def own_candidates(axis):
             (change,),
             lambda p: {"factor": float(1.0 + p[0])},
             lambda p: f"The drive's gain differs by {p[0]:+.1%}.",
+            stands_for=("stage.mass",),  # with the mass free, the axis's own numbers together are the gain's
         ),
     ]
     if axis.has(viscous[0]) and axis.value(viscous[0]) > 0.0:

@@ -1,9 +1,12 @@
 """The diagnosis of an axis by re-simulation, from records to the answer: its command is a force at the stage, or a
 position."""
 
+import functools
 import math
+import pathlib
 
 import numpy as np
+import yaml
 
 from microstage_ros.diagnosis.report.experiment import WHY, condition_of, separating_run
 from microstage_ros.diagnosis.resimulation import pictures
@@ -16,13 +19,16 @@ from microstage_ros.diagnosis.resimulation.folds import (
     make_folds,
     mean_square,
     noise_floor,
+    repetition,
 )
 from microstage_ros.diagnosis.resimulation.selection import AT_THE_FLOOR, Selector
 from microstage_ros.diagnosis.result import Cause, Diagnosis, Improvement, OverallImprovement, Parameter, Rivals
+from microstage_ros.diagnosis.selection.calibration import Calibration
 from microstage_ros.model.actuators import actuator_of
 from microstage_ros.quantities.errors import InputError
 
 OPEN = 0.1                     # share of a cause with rivals from which the whole verdict is open
+CALIBRATION = pathlib.Path(__file__).with_name("calibration.yaml")
 METRIC = "measured minus simulated {} in closed loop, rms on time not fitted on"
 
 
@@ -51,7 +57,7 @@ def diagnose_force_axis(axis, records, holdout=(), baseline=(), seed=0, progress
     folds = make_folds(parts, [False] * len(records) + [True] * len(holdout))
     loop = ClosedLoop(parts, jobs)
     loop.home(axis, every=True)
-    floor = max(noise_floor(parts, folds.period_rows, loop.residual(axis)), healthy)
+    floor = max(noise_floor(parts, loop.residual(axis)), healthy)
     if not baseline:
         floor = max(floor, loop.stated_noise(axis))
     floor = math.hypot(
@@ -96,7 +102,7 @@ def _answer(axis, parts, folds, loop, selection, floor, records, holdout, seed):
     gain = OverallImprovement(
         METRIC.format(quantity),
         unit,
-        _held_names(records, holdout, parts, folds.period_rows),
+        _held_names(records, holdout, parts),
         before,
         after,
         floor,
@@ -141,13 +147,21 @@ def _errors_of(model, errors, position):
 
 
 def _cause(chosen, errors, share, gain, channel):
-    """`Cause` of one chosen candidate."""
+    """`Cause` of one chosen candidate; how sure it is: calibrated by its surest size, z, and its ``share`` [1]."""
     candidate = chosen.candidate
     parameters = {fitted.name: Parameter(float(value), float(error), fitted.unit)
                   for fitted, value, error in zip(candidate.fitted, chosen.values, errors)}
     z = max(abs(value) / max(error, 1e-300) for value, error in zip(chosen.values, errors[: len(candidate.sizes)]))
-    return Cause(candidate.id, parameters, chosen.effect, float(math.erf(z / math.sqrt(2.0))), share, gain, channel,
-                 candidate.sentence(chosen.values))
+    probability = _calibration().probability(z * z, share)
+    return Cause(candidate.id, parameters, chosen.effect, probability, share, gain, channel,
+                 candidate.sentence(chosen.values), evidence=z * z, clarity=share)
+
+
+@functools.cache
+def _calibration():
+    """`Calibration` of this way of diagnosis, by `resimulation.examination`."""
+    tree = yaml.safe_load(CALIBRATION.read_text(encoding="utf-8"))
+    return Calibration(tuple(tree["coefficients"]), tree["named"], tree["right"], tuple(tree["without_evidence"]))
 
 
 def _why(ids, found):
@@ -169,14 +183,13 @@ def _verdict(causes, rivals, open_share, after, floor):
     return "explained" if after <= AT_THE_FLOOR * floor else "partly_explained"
 
 
-def _held_names(records, holdout, parts, period_rows):
+def _held_names(records, holdout, parts):
     if holdout:
         return tuple(str(record.source) for record in holdout)
-    if not period_rows:
-        return tuple(f"{record.source} (every third tenth of its time, held back by the program)" for record in records)
     return tuple(
-        f"{record.source} (t ≥ {(1 - HELD_BACK) * len(part) * record.period_s:.4g} s, held back by the program)"
-        for record, part in zip(records, parts)
+        f"{record.source} (" + (f"t ≥ {(1 - HELD_BACK) * len(part) * record.period_s:.4g} s"
+                                if repetition(part.reference) else "every third tenth of its time")
+        + ", held back by the program)" for record, part in zip(records, parts)
     )
 
 
@@ -201,7 +214,7 @@ def _notes(selection, folds, loop, before, after, held):
             f"The command sets the position; the model in closed loop asks for another {quantity} by {before:.3g}"
             f" {unit} as given."
         ]
-    if folds.period_rows:
+    if folds.motion:
         notes.append("The motion repeats itself: causes were also tested on parts of the motion left out in every "
                      "repetition, and the noise floor is what differs between repetitions.")
     positions = [loop.position[held] - loop.simulate(model.extended)[1][held]

@@ -124,19 +124,19 @@ def bootstrap_interval(residual, block, seed):
     return tuple(float(v) for v in np.quantile(rms, [0.025, 0.975]))
 
 
-def noise_floor(parts, period_rows, residual):
-    """Rms of the force that no model of the motion can explain [N]; ``period_rows``: of a repetition [1].
+def noise_floor(parts, residual):
+    """Rms of the force that no model of the motion can explain [N].
 
-    What differs between repetitions of the motion, on rows where nothing else differed: a disturbance that was added on
-    purpose in one repetition and not in the other (`Measured.disturbance`) makes them differ without any noise, and
-    goes on for `SETTLING` in the loop. Without repetition, or with less than `ENOUGH_ALIKE` of it left, what lies above
-    `FAST` of the sampling rate in the ``residual`` (measured minus simulated, the records one after the other), where
-    neither the loop nor the motion reaches: the encoder's noise through the controller.
+    What differs between repetitions of a record's own motion, on rows where nothing else differed: a disturbance that
+    was added on purpose in one repetition and not in the other (`Measured.disturbance`) makes them differ without any
+    noise, and goes on for `SETTLING` in the loop. Without repetition, or with less than `ENOUGH_ALIKE` of it left, what
+    lies above `FAST` of the sampling rate in the ``residual`` (measured minus simulated, the records one after the
+    other), where neither the loop nor the motion reaches: the encoder's noise through the controller.
     """
-    if period_rows:
-        pieces = [_between_repetitions(part, period_rows) for part in parts if len(part) > period_rows]
-        alike = np.concatenate(pieces)
-        if len(alike) >= ENOUGH_ALIKE * sum(len(part) - period_rows for part in parts if len(part) > period_rows):
+    repeated = [(part, rows) for part, rows in ((part, repetition(part.reference)) for part in parts) if rows]
+    if repeated:
+        alike = np.concatenate([_between_repetitions(part, rows) for part, rows in repeated])
+        if len(alike) >= ENOUGH_ALIKE * sum(len(part) - rows for part, rows in repeated):
             return float(np.sqrt(np.mean(alike**2) / 2.0))
     sections = signal.butter(4, 2.0 * FAST, "highpass", output="sos")
     fast = signal.sosfiltfilt(sections, residual) / np.sqrt(1.0 - 2.0 * FAST)

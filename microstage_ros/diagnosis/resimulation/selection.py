@@ -135,8 +135,49 @@ class Selector:
         last = self.refit(last.model.freeing([key for key in keys if key not in named]))
         self.excess = max(last.time - self.floor**2, 0.0)
         last = self.refit(self.forward(last, rivals, pool, SMALLEST_GAIN).model)
-        last, without = self.check_backward(last)
+        last, without = self.check_backward(self.without_own(last, rivals, pool))
+        for cause in last.model.chosen:
+            rivals[cause.candidate.id] = self.exchanged(cause.candidate, last, without, rivals, own_pool)
         return Selection(given, own, last, without, rivals)
+
+    def without_own(self, last, rivals, pool):
+        """The `Stage` in which the axis's own numbers are fitted along and named no more, with another cause of the
+        ``pool`` in their place, if it leaves less than the ``last`` `Stage`; else that one. A film of grease is not a
+        viscosity and a level that both differ.
+
+        ``rivals`` {id: ids}: those of the new causes are noted. ``pool``: of `Candidate`.
+        """
+        own = [cause.candidate for cause in last.model.chosen if cause.candidate.stands_for]
+        if not own:
+            return last
+        model = last.model
+        for candidate in own:
+            model = model.without(candidate.id).freeing(candidate.stands_for)
+        found: dict = {}
+        other = self.refit(self.forward(self.refit(model), found, pool, SMALLEST_GAIN).model)
+        before, after = ({cause.candidate.id for cause in stage.model.chosen} for stage in (last, other))
+        if after <= before or len(after) > len(before) or other.time >= last.time:
+            return last
+        rivals.update(found)
+        return other
+
+    def exchanged(self, candidate, last, without, rivals, own_pool):
+        """Ids of the rivals of a cause of the ``last`` `Stage`: those that it had, and such as stand for the same
+        number of the axis and gain as much in its place, with all else fitted again.
+
+        ``candidate``: the cause's `Candidate`. ``without`` {id: `Stage`} and ``rivals`` {id: ids}: of `Selection`.
+        ``own_pool``: of `Candidate`.
+        """
+        found, worse = list(rivals.get(candidate.id, ())), without[candidate.id].time
+        taken = {cause.candidate.id for cause in last.model.chosen}
+        for other in own_pool:
+            if other.id in taken or other.id in found or not set(other.stands_for) & set(candidate.stands_for):
+                continue
+            sizes = [0.2 * fitted.step for fitted in other.sizes]
+            trial = self.refit(last.model.without(candidate.id).with_cause(other, tuple(sizes)))
+            if worse - trial.time >= (1 - LOOK_ALIKE) * (worse - last.time):
+                found.append(other.id)
+        return found
 
     def refit(self, model):
         """Fit everything anew; what repeats with the turn is found anew in every record but the first."""

@@ -7,6 +7,7 @@ from microstage_ros.control.runs.run_file import Run, run_from_dict
 from microstage_ros.control.runs.simulate import simulate
 from microstage_ros.diagnosis.report.extended import extended_axis
 from microstage_ros.diagnosis.resimulation.diagnose import diagnose_force_axis
+from microstage_ros.diagnosis.resimulation.examination import Case, Outcome, examine, motion, report
 from microstage_ros.model.axis_file import load_axis
 from microstage_ros.records import Record
 from test.diagnosis.emps import ROOT, emps_record, there_and_back
@@ -30,6 +31,58 @@ def test_a_healthy_axis_has_no_cause(axis):
     assert all((answer.causes, answer.rivals) == ((), ()) for answer in answers)
     assert {answer.verdict for answer in answers} <= {"agrees", "unexplained"}
     assert sum(answer.verdict == "agrees" for answer in answers) >= 6
+
+
+@pytest.mark.parametrize("baseline", [True, False])
+def test_another_motion_held_out_is_no_noise(axis, baseline):
+    """The learnt record's repetition was taken for the held-out one's, whose differences then were the noise floor: 54 N in place of
+    0.5. In 81 of 261 cases with a clear effect the answer was `agrees` (`resimulation.examination`, seed 26101)."""
+    hidden = axis.with_effects({"torque_ripple": {"amplitude_Nm": [8e-4], "cycles_per_turn": [1.0], "phase_rad": [1.6]}})
+    noise = {**NOISE, "friction_relative": 0.01}
+    unlike = motion(np.random.default_rng(1), 1e-3, 2)
+    columns = simulate(hidden, Run(noise=noise, program=[{"reference": unlike}]), seed=4)
+    held = Record(1e-3, {k: columns[k] for k in ("encoder_m", "reference_m", "voltage_V")}, "other motion")
+    answer = diagnose_force_axis(axis, [record_of(hidden, 3)], [held], [record_of(axis, 6)] if baseline else [])
+    assert [cause.id for cause in answer.causes] == ["torque_ripple"]
+    assert answer.gain.floor < 2.0 < answer.gain.before
+
+
+def test_a_drive_of_another_gain_is_not_taken_for_other_numbers_of_the_axis(axis):
+    """Mass, friction and offset together, all by one factor, are the gain's: fitted along, they hid it ("agrees", 10 of 15)."""
+    answer = diagnose_force_axis(axis, [record_of(axis.with_effects({"amplifier_gain": {"factor": 0.85}}), 3)], [], [record_of(axis, 6)])
+    assert answer.verdict == "undetermined" and "amplifier_gain" in sum((one.ids for one in answer.rivals), ())
+
+
+def test_a_gain_and_a_payload_are_rivals_beside_another_cause(axis):
+    hidden = axis.with_effects({"amplifier_gain": {"factor": 0.85}, "transport_delay": {"delay_s": 2e-3}})
+    answer = diagnose_force_axis(axis, [record_of(hidden, 3)])
+    assert "payload_change" not in [cause.id for cause in answer.causes]
+    assert any({"amplifier_gain", "payload_change"} <= set(one.ids) for one in answer.rivals)
+
+
+def test_a_film_is_no_viscosity_and_level_that_both_differ(axis):
+    """Seed 26101, case 247: named were a viscosity and a level."""
+    outcome = examine(Case(26101, 247))
+    assert outcome.hidden == ("nonlinear_viscous", "amplifier_offset") and outcome.named == ("nonlinear_viscous",)
+
+
+def test_names_of_fresh_seeds():
+    """Of 261 hidden cases 258 are right first or among the rivals, in 8 of 300 a wrong name stands, none is overlooked (seed 26101).
+    Were the true rates their upper limits, 0.035, 0.052 and 0.014, more than 6, 7 and 4 of 24 would come in less than one of 10⁴ runs."""
+    seed = int(np.random.default_rng().integers(10**6))
+    outcomes = [examine(Case(seed, number)) for number in range(24)]
+    hidden, text = [one for one in outcomes if one.hidden], "\n".join([f"seed {seed}", *map(str, outcomes)])
+    assert sum(not set(one.named + sum(one.rivals, ())) & set(one.hidden) for one in hidden) <= 6, text
+    assert sum(bool(set(one.named) - set(one.hidden)) for one in outcomes) <= 7, text
+    assert sum(one.verdict == "agrees" for one in hidden) <= 4, text
+
+
+def test_no_probability_goes_beyond_what_was_examined(axis):
+    """It was 1.000, from the size over its error alone, where 117 of 129 names were right."""
+    answer = diagnose_force_axis(axis, [record_of(axis.with_effects({"torque_ripple": {
+        "amplitude_Nm": [8e-4], "cycles_per_turn": [1.0], "phase_rad": [1.6]}}), 3)])
+    (cause,) = answer.causes
+    assert 0.9 < cause.probability < 0.999 and cause.evidence > 16.0 and cause.clarity == cause.share
 
 
 def test_a_force_without_a_name_is_unexplained(axis):
@@ -92,3 +145,21 @@ def test_emps_lacks_what_pays_on_time_it_was_not_fitted_on(axis):
     error = axis.value("drive.gain") * unseen["voltage_V"] - force
     assert np.sqrt(np.mean(error[6240:] ** 2)) < 1.6      # what was not given
     assert np.sqrt(np.mean(error**2)) < 1.9
+
+
+def test_the_report_of_an_examination_counts_what_was_said():
+    def outcome(hidden, named, rivals=(), verdict="explained", stated=()):
+        return Outcome(0, hidden, verdict, named, rivals, stated, True, 1)
+
+    lines = report([
+        outcome(("torque_ripple",), ("torque_ripple", "cable_spring"), stated=((100.0, 0.9, 0.98, True), (20.0, 0.1, 0.95, False))),
+        outcome(("gravity_tilt",), (), (("amplifier_offset", "gravity_tilt"),), "undetermined"),
+        outcome(("gravity_tilt",), (), (), "agrees"),
+        outcome((), (), (), "agrees"),
+    ])
+    assert lines[0].startswith("first name right, or a rival right: 2 of 3")
+    assert lines[1].startswith("nothing seen of what is hidden: 1 of 3")
+    assert lines[2].startswith("a wrong name anywhere: 1 of 4")
+    assert lines[3].startswith("healthy axes with a name or rivals: 0 of 1")
+    assert lines[4].startswith("names right: 1 of 2")
+    assert [line[:26] for line in lines[5:]] == ["stated 0.9 to 0.97, mean 0", "stated 0.97 to 1, mean 0.9"]
