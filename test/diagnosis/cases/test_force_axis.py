@@ -67,14 +67,14 @@ def test_a_film_is_no_viscosity_and_level_that_both_differ(axis):
 
 
 def test_names_of_fresh_seeds():
-    """Of 261 hidden cases 258 are right first or among the rivals, in 8 of 300 a wrong name stands, none is overlooked (seed 26101).
-    Were the true rates their upper limits, 0.035, 0.052 and 0.014, more than 6, 7 and 4 of 24 would come in less than one of 10⁴ runs."""
+    """Of 245 hidden cases 234 are right first or among the rivals, in 15 of 300 a wrong name stands, none is overlooked (seed 26103).
+    Were the true rates their upper limits, 0.079, 0.081 and 0.015, more than 6, 6 and 3 of 12 would come in less than one of 10⁴ runs."""
     seed = int(np.random.default_rng().integers(10**6))
-    outcomes = [examine(Case(seed, number)) for number in range(24)]
+    outcomes = [examine(Case(seed, number)) for number in range(12)]
     hidden, text = [one for one in outcomes if one.hidden], "\n".join([f"seed {seed}", *map(str, outcomes)])
     assert sum(not set(one.named + sum(one.rivals, ())) & set(one.hidden) for one in hidden) <= 6, text
-    assert sum(bool(set(one.named) - set(one.hidden)) for one in outcomes) <= 7, text
-    assert sum(one.verdict == "agrees" for one in hidden) <= 4, text
+    assert sum(bool(set(one.named) - set(one.hidden)) for one in outcomes) <= 6, text
+    assert sum(one.verdict == "agrees" for one in hidden) <= 3, text
 
 
 def test_no_probability_goes_beyond_what_was_examined(axis):
