@@ -98,6 +98,7 @@ def test_the_page_says_what_the_report_says_and_needs_nothing_beside_it(diagnosi
     text = (tmp_path / "report.html").read_text()
     assert "17 mrad of lost motion" in text and "Lost motion at reversal" in text and "separate_1.yaml" in text
     assert report["consequences"] and "What it means for the work" in text
+    assert all(f">{cause['probability']:.2f}</td>" in text for cause in report["causes"]) and report["causes"]
     assert "a&lt;b&gt;.csv" in text and "a note &amp; more" in text
     assert "http://" not in text.replace("http://www.w3.org", "") and "https://" not in text
 
