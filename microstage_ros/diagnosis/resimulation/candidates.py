@@ -128,6 +128,28 @@ def own_candidates(axis):
     return [candidate for candidate in found if candidate.id not in axis.effects]
 
 
+def joint_candidates(axis):
+    """Effects that change a number of the axis file and more: they take the place of others, which hold a part each."""
+    if actuator_of(axis).holds_position:
+        return []
+    contact = "guideway" if axis.law("guideway") != "none" else "actuator"
+    found = [
+        Candidate(
+            "direction_asymmetry",
+            "all friction differs between directions",
+            (Fitted("asymmetry", "1", 0.05, -0.9, 0.9), Fitted("viscous_asymmetry", "1", 0.05, -0.9, 0.9)),
+            lambda p: {"contact": contact, "asymmetry": float(p[0]), "viscous_asymmetry": float(p[1])},
+            lambda p: (
+                f"Friction that does not depend on speed is {abs(2 * p[0]):.0%} larger in the "
+                f"{'positive' if p[0] > 0 else 'negative'} direction, viscous friction {abs(2 * p[1]):.0%} in the "
+                f"{'positive' if p[1] > 0 else 'negative'} one."
+            ),
+            stands_for=("stage.offset_force",),
+        )
+    ]
+    return [candidate for candidate in found if candidate.id not in axis.effects]
+
+
 def _typical(parts):
     return float(np.median(np.abs(np.concatenate([part.force for part in parts]))))
 
@@ -172,7 +194,7 @@ def _friction(contact, friction, top_speed):
             power,
             lambda p: f"Friction at the highest speed differs from a straight line in speed by {p[0]:.3g} N.",
             (Fitted("exponent", "1", 0.1, 0.1, 4.0),),
-            ((2.0, 3.0),),
+            ((0.5, 2.0, 3.0),),
         ),
     ]
 

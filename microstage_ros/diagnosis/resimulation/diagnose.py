@@ -1,16 +1,14 @@
 """The diagnosis of an axis by re-simulation, from records to the answer: its command is a force at the stage, or a
 position."""
 
-import functools
 import math
 import pathlib
 
 import numpy as np
-import yaml
 
 from microstage_ros.diagnosis.report.experiment import WHY, condition_of, separating_run
 from microstage_ros.diagnosis.resimulation import pictures
-from microstage_ros.diagnosis.resimulation.candidates import candidates, own_candidates
+from microstage_ros.diagnosis.resimulation.candidates import candidates, joint_candidates, own_candidates
 from microstage_ros.diagnosis.resimulation.closed_loop import ClosedLoop, measured, turning_effects
 from microstage_ros.diagnosis.resimulation.fit import BLOCK_S, Model, fit, standard_errors
 from microstage_ros.diagnosis.resimulation.folds import (
@@ -23,12 +21,12 @@ from microstage_ros.diagnosis.resimulation.folds import (
 )
 from microstage_ros.diagnosis.resimulation.selection import AT_THE_FLOOR, Selector
 from microstage_ros.diagnosis.result import Cause, Diagnosis, Improvement, OverallImprovement, Parameter, Rivals
-from microstage_ros.diagnosis.selection.calibration import Calibration
+from microstage_ros.diagnosis.stored_calibration import stored_calibration
 from microstage_ros.model.actuators import actuator_of
 from microstage_ros.quantities.errors import InputError
 
 OPEN = 0.1                     # share of a cause with rivals from which the whole verdict is open
-CALIBRATION = pathlib.Path(__file__).with_name("calibration.yaml")
+CALIBRATION = pathlib.Path(__file__).with_name("calibration.yaml")     # written by `resimulation.examination`
 METRIC = "measured minus simulated {} in closed loop, rms on time not fitted on"
 
 
@@ -65,7 +63,7 @@ def diagnose_force_axis(axis, records, holdout=(), baseline=(), seed=0, progress
     )
     selector = Selector(loop, folds, axis.value("period"), floor, progress)
     learnt = parts[: len(records)]
-    selection = selector.select(Model.of(axis), own_candidates(axis), candidates(axis, learnt))
+    selection = selector.select(Model.of(axis), own_candidates(axis), candidates(axis, learnt), joint_candidates(axis))
     return _answer(axis, parts, folds, loop, selection, floor, records, holdout, seed)
 
 
@@ -80,11 +78,11 @@ def _answer(axis, parts, folds, loop, selection, floor, records, holdout, seed):
     period, last = axis.value("period"), selection.final
     _, unit, quantity = actuator_of(axis).judged(axis)
     before, after = (math.sqrt(mean_square(stage.residual, folds.held)) for stage in (selection.given, last))
-    shares, alone = _shares(selection, folds.held, floor)
+    alone = {name: math.sqrt(mean_square(stage.residual, folds.held)) for name, stage in selection.without.items()}
     errors = standard_errors(last.columns[folds.learn], last.residual[folds.learn], int(BLOCK_S / period))
     causes, rivals, provisional, open_share = [], [], {}, 0.0
     for position, cause in enumerate(last.model.chosen):
-        found = _cause(cause, _errors_of(last.model, errors, position), shares[cause.candidate.id],
+        found = _cause(cause, _errors_of(last.model, errors, position), selection.shares[cause.candidate.id],
                        Improvement(alone[cause.candidate.id], after, unit), quantity)
         alike = selection.rivals.get(found.id, [])
         if alike:
@@ -127,20 +125,6 @@ def _answer(axis, parts, folds, loop, selection, floor, records, holdout, seed):
     )
 
 
-def _shares(selection, held, floor):
-    """({id: share}, {id: rms without it}) on held-out time.
-
-    The fall of the mean square from the axis as given to all causes, over what stood out of the noise, is
-    dealt out in proportion to what each cause alone saves when all the others are there.
-    """
-    final, given = mean_square(selection.final.residual, held), mean_square(selection.given.residual, held)
-    without = {name: mean_square(stage.residual, held) for name, stage in selection.without.items()}
-    saved = {name: max(value - final, 0.0) for name, value in without.items()}
-    removed = min(max(given - final, 0.0) / max(given - floor**2, 1e-300), 1.0)
-    total = max(sum(saved.values()), 1e-300)
-    return {name: removed * s / total for name, s in saved.items()}, {name: math.sqrt(v) for name, v in without.items()}
-
-
 def _errors_of(model, errors, position):
     first = len(model.keys) + sum(len(cause.values) for cause in model.chosen[:position])
     return errors[first: first + len(model.chosen[position].values)]
@@ -152,16 +136,9 @@ def _cause(chosen, errors, share, gain, channel):
     parameters = {fitted.name: Parameter(float(value), float(error), fitted.unit)
                   for fitted, value, error in zip(candidate.fitted, chosen.values, errors)}
     z = max(abs(value) / max(error, 1e-300) for value, error in zip(chosen.values, errors[: len(candidate.sizes)]))
-    probability = _calibration().probability(z * z, share)
+    probability = stored_calibration(CALIBRATION).probability(z * z, share)
     return Cause(candidate.id, parameters, chosen.effect, probability, share, gain, channel,
                  candidate.sentence(chosen.values), evidence=z * z, clarity=share)
-
-
-@functools.cache
-def _calibration():
-    """`Calibration` of this way of diagnosis, by `resimulation.examination`."""
-    tree = yaml.safe_load(CALIBRATION.read_text(encoding="utf-8"))
-    return Calibration(tuple(tree["coefficients"]), tree["named"], tree["right"], tuple(tree["without_evidence"]))
 
 
 def _why(ids, found):

@@ -86,6 +86,15 @@ class Model:
         """The same model without the cause of this id."""
         return replace(self, chosen=tuple(c for c in self.chosen if c.candidate.id != name))
 
+    def place(self, name):
+        """Where in `theta` the numbers of the cause of this id begin [1]. Raises KeyError: there is no such cause."""
+        at = len(self.keys)
+        for cause in self.chosen:
+            if cause.candidate.id == name:
+                return at
+            at += len(cause.values)
+        raise KeyError(name)
+
     def holding(self, keys):
         """The same model with these of the axis's own parameters held as the file gives them."""
         free = [(key, value) for key, value in zip(self.keys, self.own) if key not in keys]

@@ -4,7 +4,7 @@ A candidate is first screened with derivatives at the present model (a few re-si
 are fitted. A candidate is kept if the mean square of the force falls on time left out and on parts of the
 motion left out (see `folds`) by more than a smallest gain, and if its size is far outside its own
 uncertainty. In the end every cause must still pay when it alone is taken out and all else is fitted again;
-that difference is also what the cause is credited with.
+that difference is also what the cause is credited with. Fewer causes that leave no more are preferred (`fewer`).
 
 The axis's own numbers (mass, friction, offset) come first, with a larger smallest gain: they are named as a
 change only if that alone explains much; else they are fitted along with the causes, as re-identification.
@@ -15,8 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import f as fisher
 
+from microstage_ros.diagnosis.resimulation import fewer
 from microstage_ros.diagnosis.resimulation.closed_loop import turning_effects
-from microstage_ros.diagnosis.resimulation.fit import BLOCK_S, Model, fit, jacobian, standard_errors
+from microstage_ros.diagnosis.resimulation.fit import BLOCK_S, Model, fit, jacobian, solve, standard_errors
 from microstage_ros.diagnosis.resimulation.folds import left_out_residual, mean_square
 from microstage_ros.diagnosis.selection.stepwise import forward
 
@@ -55,7 +56,7 @@ class Selection:
 
     ``given``, ``own``, ``final``: `Stage` of the axis as given, with its own numbers fitted, with all causes.
     ``without``: {id: `Stage` without this cause, all else fitted again}. ``rivals``: {id: [ids that the records
-    cannot tell from it]}.
+    cannot tell from it]}. ``shares``: {id: share of what is held back [1]}.
     """
 
     given: Stage
@@ -63,6 +64,7 @@ class Selection:
     final: Stage
     without: dict
     rivals: dict
+    shares: dict
 
 
 @dataclass(frozen=True)
@@ -103,6 +105,7 @@ class Selector:
     def __init__(self, loop, folds, period, floor, progress=None):
         self.loop, self.folds, self.floor, self.progress = loop, folds, floor, progress or (lambda text: None)
         self.excess = 0.0      # mean square above the noise where a forward selection begins
+        self.given = None      # `Stage` of the axis as given
         self.block = max(int(BLOCK_S / period), 1)
 
     def stage(self, model, residual, known=None):
@@ -119,16 +122,17 @@ class Selector:
             return time, time
         return time, mean_square(left_out_residual(columns, residual, learn, self.folds.motion), learn)
 
-    def select(self, model, own_pool, pool):
-        """Run the selection, with the candidates of ``own_pool`` and ``pool``, `Candidate` each; ``model`` has all own
-        parameters free; returns `Selection`."""
+    def select(self, model, own_pool, pool, joint=()):
+        """Run the selection, with the candidates of ``own_pool`` and ``pool``, `Candidate` each, and with those of
+        ``joint`` only in the place of others (`fewer`); ``model`` has all own parameters free; returns `Selection`."""
         keys = model.keys
         nominal = model.holding(keys)
         given = self.stage(nominal, self.loop.residual(nominal.extended))
         self.excess = max(given.time - self.floor**2, 0.0)
+        self.given = given
         own = self.refit(model)
         if given.time <= (AT_THE_FLOOR * self.floor) ** 2:
-            return Selection(given, own, given, {}, {})
+            return Selection(given, own, given, {}, {}, {})
         rivals = {}
         last = self.forward(given, rivals, own_pool, OWN_GAIN)
         named = {key for cause in last.model.chosen for key in cause.candidate.stands_for}
@@ -136,9 +140,10 @@ class Selector:
         self.excess = max(last.time - self.floor**2, 0.0)
         last = self.refit(self.forward(last, rivals, pool, SMALLEST_GAIN).model)
         last, without = self.check_backward(self.without_own(last, rivals, pool))
+        last, without = fewer.fewest(self, last, without, rivals, [*own_pool, *pool, *joint], SMALLEST_GAIN)
         for cause in last.model.chosen:
             rivals[cause.candidate.id] = self.exchanged(cause.candidate, last, without, rivals, own_pool)
-        return Selection(given, own, last, without, rivals)
+        return Selection(given, own, last, without, rivals, self.shares(last, without))
 
     def without_own(self, last, rivals, pool):
         """The `Stage` in which the axis's own numbers are fitted along and named no more, with another cause of the
@@ -216,9 +221,7 @@ class Selector:
         for _, candidate, shape, base in screened:
             if candidate.form not in seen and len(seen) < REFITTED:
                 seen.add(candidate.form)
-                sizes = [0.2 * fitted.step for fitted in candidate.sizes]
-                model = base.model.with_cause(candidate, (*sizes, *shape))
-                model, residual = fit(self.loop, model, self.folds.learn, base.columns)
+                model, residual = fit(self.loop, self.begun(base, candidate, shape), self.folds.learn, base.columns)
                 trials.append(self.stage(model, residual, base.columns))
         return sorted(trials, key=lambda trial: trial.time)
 
@@ -233,10 +236,24 @@ class Selector:
         moved = [now.model.with_cause(candidate, (*sizes, *shape)).extended for sizes in np.diag(steps)]
         return (np.column_stack(self.loop.residuals(moved)) - now.residual[:, None]) / steps
 
+    def begun(self, base, candidate, shape):
+        """The ``base`` `Stage`'s `Model` with a `Candidate` more of this ``shape``, (shapes,), where its fit begins: at
+        the linear fit of its sizes, or near none of it where that leaves more. Far from its size a shape runs away."""
+        near = base.model.with_cause(candidate, (*(0.2 * fitted.step for fitted in candidate.sizes), *shape))
+        if not candidate.shapes:
+            return near
+        learn = self.folds.learn
+        columns = np.hstack([base.columns, self.size_columns(base, candidate, shape)])
+        moved = solve(columns[learn], -base.residual[learn]) + np.append(base.model.theta, np.zeros(len(candidate.sizes)))
+        _, low, high = near.steps_and_bounds()
+        fitted = near.at(np.clip(np.append(moved, shape), low, high))
+        left = [mean_square(one, learn) for one in self.loop.residuals([near.extended, fitted.extended])]
+        return fitted if left[1] < left[0] else near
+
     def pays(self, trial, now, smallest):
         """Whether the trial gains enough, ``smallest`` [1], on both kinds of left-out parts, with certainty."""
         own = trial.last.candidate.stands_for and abs(trial.last.relative) < OWN_CHANGE
-        return not own and self.certainty(trial) > CERTAIN and self.gains(trial, now, smallest)
+        return not own and self.certainty(trial, trial.last) > CERTAIN and self.gains(trial, now, smallest)
 
     def gains(self, better, worse, smallest):
         """Whether the mean square falls enough from ``worse`` to ``better``, `Stage` each, by a share ``smallest``
@@ -245,13 +262,12 @@ class Selector:
         return (worse.time - better.time > max(smallest * worse.time, enough)
                 and worse.motion - better.motion > smallest * worse.motion)
 
-    def certainty(self, trial):
-        """Largest size of the last cause over its standard error [1]."""
+    def certainty(self, stage, cause):
+        """Largest size of a `Chosen` ``cause`` of the ``stage``, a `Stage`, over its standard error [1]."""
         learn = self.folds.learn
-        errors = standard_errors(trial.columns[learn], trial.residual[learn], self.block)
-        count, sizes = len(trial.last.values), len(trial.last.candidate.sizes)
-        first = len(errors) - count
-        return float(np.max(np.abs(trial.last.values[:sizes]) / np.maximum(errors[first: first + sizes], 1e-300)))
+        errors = standard_errors(stage.columns[learn], stage.residual[learn], self.block)
+        first, sizes = stage.model.place(cause.candidate.id), len(cause.candidate.sizes)
+        return float(np.max(np.abs(cause.values[:sizes]) / np.maximum(errors[first: first + sizes], 1e-300)))
 
     def look_alikes(self, best, trials, now):
         """Other effects that gain as much as the best one and nothing on top of it.
@@ -278,30 +294,50 @@ class Selector:
 
     def check_backward(self, last):
         """Take out each cause in turn and fit the rest again; drop those without which nothing is lost, neither
-        on what was left out nor on what was held back.
+        on what was left out nor on what was held back, and those that are no longer certain beside the others.
 
         Returns the last `Stage` and {id: `Stage` without it} of the causes that stay.
         """
         without = {}
         for cause in last.model.chosen:
-            name = cause.candidate.id
+            name, own = cause.candidate.id, cause.candidate.stands_for
             less = self.without(last, name)
-            pays = self.gains(last, less, OWN_GAIN if cause.candidate.stands_for else SMALLEST_GAIN)
-            if pays and mean_square(less.residual, self.folds.held) > mean_square(last.residual, self.folds.held):
-                without[name] = less
-            else:
+            pays = self.gains(last, less, OWN_GAIN if own else SMALLEST_GAIN) and self.gains_held(last, less)
+            if not pays or self.certainty(last, cause) < CERTAIN or self.at_the_floor(less):
                 self.progress(f"{name}: not needed")
-                return self.check_backward(self.refit(less.model.freeing(cause.candidate.stands_for)))
+                return self.check_backward(self.refit(less.model.freeing(own)))
+            without[name] = less
         return last, without
+
+    def gains_held(self, better, worse):
+        """Whether ``better`` leaves less of what was held back than ``worse``, `Stage` each, by `SMALLEST_GAIN`, and
+        less than the axis as given."""
+        after, before, given = (mean_square(one.residual, self.folds.held) for one in (better, worse, self.given))
+        return min(before, given) - after > SMALLEST_GAIN * before
+
+    def at_the_floor(self, stage):
+        """Whether a `Stage` leaves nothing to explain, neither on time left out nor on what was held back."""
+        most = (AT_THE_FLOOR * self.floor) ** 2
+        return stage.time <= most and mean_square(stage.residual, self.folds.held) <= most
+
+    def shares(self, last, without):
+        """{id: share [1]} of the causes of the ``last`` `Stage` on what was held back; ``without``: {id: `Stage`}.
+
+        The fall of the mean square from the axis as given to all causes, over what stood out of the noise, is
+        dealt out in proportion to what each cause alone saves when all the others are there.
+        """
+        held = self.folds.held
+        final, given = (mean_square(stage.residual, held) for stage in (last, self.given))
+        saved = {name: max(mean_square(stage.residual, held) - final, 0.0) for name, stage in without.items()}
+        removed = min(max(given - final, 0.0) / max(given - self.floor**2, 1e-300), 1.0)
+        total = max(sum(saved.values()), 1e-300)
+        return {name: removed * one / total for name, one in saved.items()}
 
     def without(self, last, name):
         """`Stage` of the ``last`` one's model, a `Stage`, without one cause, the rest fitted again with the
         derivatives at hand."""
-        keep, at = np.ones(last.columns.shape[1], bool), len(last.model.keys)
-        for cause in last.model.chosen:
-            if cause.candidate.id == name:
-                keep[at: at + len(cause.values)] = False
-            at += len(cause.values)
-        columns = last.columns[:, keep]
+        first = last.model.place(name)
+        count = next(len(cause.values) for cause in last.model.chosen if cause.candidate.id == name)
+        columns = np.delete(last.columns, slice(first, first + count), axis=1)
         model, residual = fit(self.loop, last.model.without(name), self.folds.learn, columns)
         return self.stage(model, residual, columns)

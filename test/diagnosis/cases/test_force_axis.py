@@ -66,6 +66,19 @@ def test_a_film_is_no_viscosity_and_level_that_both_differ(axis):
     assert outcome.hidden == ("nonlinear_viscous", "amplifier_offset") and outcome.named == ("nonlinear_viscous",)
 
 
+@pytest.mark.parametrize("number, hidden", [
+    (111, ("direction_asymmetry", "position_dependent_friction")),   # a constant force and a ripple in place of the asymmetry
+    (292, ("nonlinear_viscous",)),                                   # a viscosity and a film in place of a power of the speed
+    (61, ("sampling_jitter",)),                                      # a film that is not certain beside what reads late
+])
+def test_what_one_cause_misfits_is_no_second_one(number, hidden):
+    """Seed 26103: in 14 of 300 answers a name stood for what another one misfits, in one since fewer causes are preferred that leave
+    no more."""
+    outcome = examine(Case(26103, number))
+    assert outcome.hidden == hidden and set(outcome.named) <= set(hidden)
+    assert set(outcome.named + sum(outcome.rivals, ())) >= set(hidden)
+
+
 def test_names_of_fresh_seeds():
     """Of 245 hidden cases 234 are right first or among the rivals, in 15 of 300 a wrong name stands, none is overlooked (seed 26103).
     Were the true rates their upper limits, 0.079, 0.081 and 0.015, more than 6, 6 and 3 of 12 would come in less than one of 10⁴ runs."""
