@@ -3,6 +3,7 @@ machines."""
 
 import argparse
 import pathlib
+import sys
 
 import numpy as np
 import yaml
@@ -56,12 +57,16 @@ def main(argv=None):
     parser.add_argument("--strength", type=float, default=1.0, metavar="X", help="with --examine: factor on all sizes")
     parser.add_argument("--seed", type=int, default=1, metavar="S", help="with --examine: of everything drawn")
     parser.add_argument("--verbose", action="store_true", help="with --examine: a line per case")
+    parser.add_argument("--names-only", action="store_true", help="with --examine: not which effects the signals carry,"
+                        " which takes most of the time")
+    parser.add_argument("--calibrate", metavar="FILE", type=pathlib.Path, help="with --examine: write the calibration "
+                        "of the stated probabilities that these cases give")
     parser.add_force()
     arguments = parser.parse_args(argv)
     if arguments.examine is not None:
         if arguments.file:
             raise InputError("FILE", arguments.file, "no file together with --examine, which simulates its machines")
-        return _examine(arguments)
+        return _examine(arguments, sys.argv[1:] if argv is None else argv)
     if not arguments.file:
         raise InputError("FILE", None, "a log to look at, or --examine N")
     return _look(arguments)
@@ -188,8 +193,9 @@ def _picture(log):
     return figure
 
 
-def _examine(arguments):
-    from microstage_ros.diagnosis.validation import log_campaign
+def _examine(arguments, argv):
+    from microstage_ros.diagnosis.selection.calibration import calibrate, write_calibration
+    from microstage_ros.diagnosis.validation import campaign, log_campaign
 
     if arguments.examine < 1:
         raise InputError("--examine", arguments.examine, "1 case or more")
@@ -202,14 +208,19 @@ def _examine(arguments):
     outcomes = []
     with progress("examining", arguments.examine) as bar:
         for outcome in log_campaign.run(
-            arguments.examine, arguments.seed, arguments.kind, arguments.effect, arguments.strength
+            arguments.examine, arguments.seed, arguments.kind, arguments.effect, arguments.strength,
+            arguments.names_only,
         ):
             outcomes.append(outcome)
             bar.advance()
             if arguments.verbose:
                 print(log_campaign.line(outcome), flush=True)
     figures = log_campaign.scores(outcomes)
-    answer.state(figures=figures, visibility=log_campaign.visibility_table(outcomes), seed=arguments.seed)
+    if arguments.calibrate:
+        named = [one[2:] for outcome in outcomes for one in outcome.stated]
+        write_calibration(arguments.calibrate, calibrate(named), " ".join(["./microstage log", *argv]))
+    answer.state(figures=figures, reliability=campaign.reliability(outcomes),
+                 visibility=log_campaign.visibility_table(outcomes), seed=arguments.seed)
     for text in log_campaign.sentences(figures, outcomes):
         print(text)
     if arguments.out:

@@ -10,7 +10,7 @@ import time
 
 from microstage_ros import __version__
 from microstage_ros.diagnosis.logs.case import diagnose_logs
-from microstage_ros.diagnosis.validation import carried
+from microstage_ros.diagnosis.validation import campaign, carried
 from microstage_ros.diagnosis.validation.simulated_logs import EFFECTS, SIGNALS, draw_case
 from microstage_ros.files import write_text
 from microstage_ros.metrology.rates import rate
@@ -24,7 +24,9 @@ class Outcome:
 
     ``visible``: hidden effects that the signals carry (`carried`); ``declared``: those that the diagnosis says these
     signals show; ``distance``: change of the signals by each hidden effect, in standard deviations of the healthy
-    scatter. ``covered``: (effect, parameter, truth inside the 95 % interval, truth, value, standard error).
+    scatter, empty where it was not computed. ``covered``: (effect, parameter, truth inside the 95 % interval, truth,
+    value, standard error).
+    ``stated``: (id, probability, χ² on repetitions held back, clarity, was it hidden) of each named cause.
     """
 
     number: int
@@ -42,6 +44,12 @@ class Outcome:
     distance: tuple
     covered: tuple
     seconds: float
+    stated: tuple = ()
+
+    @property
+    def judged(self):
+        """Whether it is known what the signals carry."""
+        return len(self.distance) == len(self.truth)
 
     @property
     def first_right(self):
@@ -65,14 +73,15 @@ class Outcome:
         return "nothing" if self.verdict == "agrees" else "unexplained"
 
 
-def run(cases, seed=1, kind="mixed", effect="", strength=1.0):
-    """Yield one `Outcome` per case of a ``seed`` [1]; ``strength``: of effects, times the usual [1]."""
+def run(cases, seed=1, kind="mixed", effect="", strength=1.0, names_only=False):
+    """Yield one `Outcome` per case of a ``seed`` [1]; ``strength``: of effects, times the usual [1]; ``names_only``:
+    not what the signals carry, which takes most of the time."""
     for number in range(cases):
         case = draw_case(number, seed, kind, effect, strength=strength)
         began = time.monotonic()
         result = diagnose_logs(list(case.baseline), list(case.now), case.description, seed)
         found, seconds = result.diagnosis, time.monotonic() - began
-        sizes = [(step[0], carried.distance(case, k)) for k, step in enumerate(case.steps)]
+        sizes = [] if names_only else [(step[0], carried.distance(case, k)) for k, step in enumerate(case.steps)]
         yield Outcome(
             number,
             tuple(map(str, case.truth)),
@@ -89,6 +98,7 @@ def run(cases, seed=1, kind="mixed", effect="", strength=1.0):
             tuple(round(size, 2) for _, size in sizes),
             _covered(case, result),
             seconds,
+            tuple((c.id, c.probability, float(c.evidence), c.clarity, c.id in case.truth) for c in found.causes),
         )
 
 
@@ -114,7 +124,8 @@ def scores(outcomes):
     """{figure: (hits, cases, lower, upper)} with exact 95 % intervals."""
     healthy = [o for o in outcomes if not o.truth]
     seen = [o for o in outcomes if o.truth and o.visible]
-    hidden = [o for o in outcomes if o.truth and not o.visible]
+    hidden = [o for o in outcomes if o.truth and o.judged and not o.visible]
+    stated = [cause for o in outcomes for cause in o.stated]
     both = [o for o in seen if o.declared]
     covered = [c for o in outcomes for c in o.covered]
     sets = {
@@ -128,6 +139,9 @@ def scores(outcomes):
         ),
         "hidden: no wrong name": (sum(o.result != "wrong" for o in hidden), len(hidden)),
         "95 % intervals that hold the truth": (sum(c[2] for c in covered), len(covered)),
+        "a wrong name anywhere": (sum(o.result == "wrong" or bool(set(o.named) - set(o.truth)) for o in outcomes),
+                                  len(outcomes)),
+        "names right": (sum(cause[-1] for cause in stated), len(stated)),
     }
     out = {}
     for name, (hits, cases) in sets.items():
@@ -153,12 +167,18 @@ def visibility_table(outcomes):
     return table
 
 
+def _shown(outcome):
+    if not outcome.truth or not outcome.judged:
+        return ""
+    return "seen" if outcome.visible else "blind"
+
+
 def line(outcome):
     """One case in one line."""
     opened = "".join(f" ({' | '.join(ids)})" for ids in outcome.rivals)
     return (
         f"{outcome.number:4d} {'+'.join(outcome.truth) or 'healthy':40s} {outcome.signals:26s} {outcome.rate:6g} Hz"
-        f" {outcome.runs:3d} runs {'seen' if outcome.visible else 'blind' if outcome.truth else '':5s}"
+        f" {outcome.runs:3d} runs {_shown(outcome):5s}"
         f" {'declared' if outcome.declared else '':8s} {' '.join(f'{d:.3g}' for d in outcome.distance):>6s} sd"
         f" {outcome.result:11s} {outcome.verdict:16s} {', '.join(outcome.named)}{opened} {outcome.seconds:.1f} s"
         + "".join(f" [{c[1]} {c[4]:.3g} ± {c[5]:.2g}, truth {c[3]:.3g}]" for c in outcome.covered)
@@ -171,6 +191,9 @@ def sentences(figures, outcomes):
         f"{name}: {f['hits']} of {f['cases']} ({f['rate']:.0%}, 95 %: {f['ci95'][0]:.0%} … {f['ci95'][1]:.0%})"
         for name, f in figures.items()
     ]
+    for low, high, mean, right, named in campaign.reliability(outcomes):
+        out.append(f"names stated with a probability of {low:g} to {high:g}, mean {mean:.3f}: right"
+                   f" {rate(right, named)}")
     table = visibility_table(outcomes)
     out.append("found (named or among the rivals) by set of signals:")
     for effect, row in sorted(table.items()):
@@ -193,6 +216,7 @@ def write(outcomes, figures, arguments):
         "seed": arguments.seed,
         "kind": arguments.kind,
         "figures": figures,
+        "reliability": campaign.reliability(outcomes),
         "visibility": visibility_table(outcomes),
         "cases": [{k: plain(v) for k, v in dataclasses.asdict(o).items()} | {"result": o.result} for o in outcomes],
     }

@@ -166,8 +166,8 @@ def test_a_delay_is_no_change_of_the_forces():
 
 
 def test_what_is_named_or_open_is_not_listed_as_not_visible(monkeypatch):
-    from microstage_ros.diagnosis.logs.selection import verdict
-    monkeypatch.setattr(verdict, "hidden_effects", lambda seen, context: dict.fromkeys(verdict.SIGNATURES, "more"))
+    from microstage_ros.diagnosis.logs.selection import effects, verdict
+    monkeypatch.setattr(verdict, "hidden_effects", lambda seen, context: dict.fromkeys(effects.SIGNATURES, "more"))
     result = diagnosed({"level": 90.0, "viscous": 450.0})
     causes, rivals = told(result)
     assert rivals and not {*causes, *rivals} & set(result.hidden) and "screw_pitch_error" in result.hidden

@@ -133,7 +133,7 @@ def _figures(report, result):
         figures.append(("Left over", f"{gain['after']:.1f} ×", "the same, with what is named taken out"))
     for cause in report["causes"][:2]:
         size, _, spread = size_of(cause).partition(", ")
-        certainty = f"sure to {100 * cause['probability']:.1f} %"
+        certainty = f"probability {cause['probability']:.2f}"
         figures.append((name_of(cause["id"]), size, f"{spread}; {certainty}" if spread else certainty))
     return figures
 
@@ -148,12 +148,17 @@ def _causes(page, report):
                 name_of(cause["id"]),
                 size_of(cause),
                 _since(since.get(cause["id"])),
-                f"{100 * cause['probability']:.1f} %",
                 f"{cause['share']:.0%}",
+                f"{cause['probability']:.2f}",
             )
         )
     if rows:
-        page.table(("cause", "how much", "since", "sure", "share of what stands out"), rows)
+        page.table(
+            ("cause", "how much", "since", "share", "probability"),
+            rows,
+            "Share: of what stands out. Probability: that the cause is there and rightly named, calibrated on simulated"
+            " machines.",
+        )
     if report["rivals"]:
         page.heading("What cannot be distinguished")
         page.table(("one of", "why", "this would decide"), [

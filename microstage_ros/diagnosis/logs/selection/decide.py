@@ -39,9 +39,10 @@ FAMILY = ({"friction_level_change", "viscous_change", "nonlinear_viscous", "ampl
 WIDER_FORM = 2.0           # log odds against a wider form of an effect
 FAMILY_RIVAL = 6.0         # the margin within a family, whose forms are the least exact
 #: What a cause brings with it, and is no further cause: fluctuations beside ripple, an error at rest that settles
-#: later.
+#: later, another error of an uneven lead at either end of the stroke, a drive that goes on within the gap at rest.
 BRINGS = {"torque_ripple": ("sampling_jitter", "floor_vibration", "screw_pitch_error"),
-          "screw_pitch_error": ("sampling_jitter", "floor_vibration"),
+          "screw_pitch_error": ("sampling_jitter", "floor_vibration", "scale_error"),
+          "backlash": ("presliding_creep",),
           "transport_delay": ("floor_vibration", "sampling_jitter")}
 MOST_RIVALS = 6
 #: Effects that hold another one as a special case and so always fit as well: no rivals of it.
@@ -275,14 +276,22 @@ def acceptable(problem, name, beside):
 
 
 def _backward(problem, chosen):
-    """Without causes that the later ones have made superfluous, or bring with them."""
+    """Without causes that the later ones have made superfluous, or bring with them, or take too little beside them: a
+    small one that was tried first is held to the same as one that comes after."""
     brought = {one for c in chosen for one in BRINGS.get(plain(c.name), ())}
     kept = [c for c in chosen if plain(c.name) not in brought]
-    for choice in list(kept):
+    for choice in sorted(kept, key=lambda c: part_of(problem, c, kept)):
         beside = [c.name for c in kept if c is not choice]
-        if len(kept) > 1 and problem.log_p(choice.name, beside) > LEVEL:
+        if beside and (problem.log_p(choice.name, beside) > LEVEL or not _holds(problem, choice.name, beside)):
             kept.remove(choice)
     return kept
+
+
+def part_of(problem, choice, chosen):
+    """Part (0 … 1) of the whole difference that a cause takes beside the others ``chosen``, and no other one."""
+    beside = [c.name for c in chosen if c is not choice]
+    taken = problem.taken([*beside, choice.name])[0] - problem.taken(beside)[0]
+    return min(max(taken, 0.0) / max(problem.whole, np.finfo(float).tiny), 1.0)
 
 
 def stands_out(problem, chosen):

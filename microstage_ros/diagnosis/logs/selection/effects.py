@@ -149,6 +149,7 @@ ALSO = {
     "torque_ripple+": ("floor_vibration",),
     "actuator_lag": ("payload_change",),
     "drive_compliance": ("backlash",),
+    "backlash": ("drive_compliance",),     # a constant friction winds a soft drive up as far after every reversal
     "presliding_creep": ("backlash",),
     "rising_static_friction": ("torque_ripple",),
 }

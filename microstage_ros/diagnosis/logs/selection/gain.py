@@ -21,8 +21,8 @@ LEAST = 1e-9               # derived: a divisor, never nothing
 
 
 def gain_of(stages, groups, open_sign):
-    """(`OverallImprovement`, {form: (share [1], rms before [1], rms after [1])} of the causes of all ``stages``, a list
-    of `Stage`, sentences for the notes).
+    """(`OverallImprovement`, {form: (share [1], rms before [1], rms after [1], χ² that it takes [1])} of the causes of
+    all ``stages``, a list of `Stage`, sentences for the notes).
 
     ``groups``: {side: list of `Rows`}; ``open_sign``: as for `Stage.solve`.
     """
@@ -52,7 +52,7 @@ def gain_of(stages, groups, open_sign):
         parts |= {name: (taken[name], *(math.sqrt(max(v, 0.0) / shown[name][2]) for v in shown[name][:2]))
                   for name in names}
     excess = max(sum(excesses), sum(max(p[0], 0.0) for p in parts.values()), LEAST)
-    parts = {name: (float(np.clip(p[0] / excess, 0.0, 1.0)), p[1], p[2]) for name, p in parts.items()}
+    parts = {name: (float(np.clip(p[0] / excess, 0.0, 1.0)), p[1], p[2], p[0]) for name, p in parts.items()}
     rms = {name: math.sqrt(max(value, 0.0) / totals["k"]) for name, value in totals.items() if name != "k"}
     # derived: 95 % of a Gaussian; the relative standard error of an rms of n values is 1/√(2n). Both halves are held
     # against one baseline, and count once

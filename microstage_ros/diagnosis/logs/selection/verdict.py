@@ -1,6 +1,7 @@
 """The answer: verdict, causes with sizes, rivals with what separates them, gain on repetitions held back, findings."""
 
 import math
+import pathlib
 
 import numpy as np
 from scipy.stats import f as f_distribution
@@ -10,15 +11,17 @@ from microstage_ros.diagnosis.logs.preprocessing.channels import FLUCTUATION
 from microstage_ros.diagnosis.logs.selection import decide
 from microstage_ros.diagnosis.logs.selection.context import LogDiagnosis, healthy_table, hidden_effects
 from microstage_ros.diagnosis.logs.selection.effects import (
-    BEHIND, BEHIND_NEED, FOLLOWING, FORCED, FROM_READING, SIGNATURES, WITHOUT_EFFORT, separation,
+    BEHIND, BEHIND_NEED, FOLLOWING, FORCED, FROM_READING, WITHOUT_EFFORT, separation,
 )
 from microstage_ros.diagnosis.logs.selection.gain import gain_of
 from microstage_ros.diagnosis.logs.selection.sizes import Fitted, parameters_of, widening
 from microstage_ros.diagnosis.logs.selection.stages import stages_of
-from microstage_ros.diagnosis.logs.selection.visibility import LARGEST
+from microstage_ros.diagnosis.logs.selection.visibility import LARGEST, LEVEL
 from microstage_ros.diagnosis.report.wording import sentence_of
 from microstage_ros.diagnosis.result import Cause, Diagnosis, Finding, Improvement, Rivals
+from microstage_ros.diagnosis.stored_calibration import stored_calibration
 
+CALIBRATION = pathlib.Path(__file__).with_name("calibration.yaml")     # written by `log --examine … --calibrate`
 LATE_S, GAP = 0.02, 0.005  # s, and share of the stroke: sizes that are counted as visible if they would be found
 #: Names in the effort that a rough reading can feign where the motion is known from that reading alone.
 MISREAD = ("rising_static_friction", "torque_ripple", "payload_change", "friction_level_change", "cable_spring")
@@ -64,6 +67,8 @@ def answer(reduced, spreads, groups, context, notes, open_sign, seed):
         notes += [said] if said else []
         if stage is not stages[0] and not of_reading:
             _suspected(stages[0], stage)
+        if context.position_at != "motor":
+            _unresolved(stage)
         if of_reading and changed:
             _misread(stages[0], stage)
         changed = changed or bool(stage.chosen) or stage.whole < decide.WHOLE
@@ -134,6 +139,16 @@ def _suspected(first, stage):
             choice.rivals.append(hint[1])
 
 
+def _unresolved(stage):
+    """An uneven lead of which the sampling shows no ripple makes the reading rough in motion, and puts the two ends of
+    the stroke off by different amounts: a rival of a wrong scale where the reading has become rough."""
+    problem, rough = stage.problem, "sampling_jitter"
+    for choice in stage.chosen:
+        rises = decide.plain(choice.name) == "scale_error" and rough in problem.effects
+        if rises and problem.log_p(rough, [choice.name]) < LEVEL and "screw_pitch_error" not in choice.rivals:
+            choice.rivals.append("screw_pitch_error")
+
+
 def largest_in_error(context):
     """Usual largest sizes in the following error, relative to its rms: a delay of `LATE_S`, lost motion of `GAP` of the
     stroke."""
@@ -199,12 +214,14 @@ def _sentences(notes, spreads):
 
 
 def _cause(stage, choice, context, parts):
-    """`Cause` with sizes from the joint fit of its stage."""
+    """`Cause` with sizes from the joint fit of its stage. How sure it is: calibrated by the χ² that it takes from
+    repetitions held back, and by the part of its stage's difference that it alone takes."""
     parameters, channel = _sizes(stage, [c.name for c in stage.chosen], choice.name, context)
-    probability = float(np.clip(1.0 - math.exp(max(choice.log_p, -30.0)) * len(SIGNATURES), 0.0, 1.0))
-    share, before, after = parts.get(choice.name, (0.0, 0.0, 0.0))
-    improvement = Improvement(before, after, "1")
-    return Cause(decide.plain(choice.name), parameters, {}, probability, share, improvement, channel)
+    share, before, after, evidence = parts.get(choice.name, (0.0, 0.0, 0.0, 0.0))
+    clarity = decide.part_of(stage.problem, choice, stage.chosen)
+    probability = stored_calibration(CALIBRATION).probability(evidence, clarity)
+    return Cause(decide.plain(choice.name), parameters, {}, probability, share, Improvement(before, after, "1"),
+                 channel, evidence=evidence, clarity=clarity)
 
 
 def _sizes_of_rivals(stage, choice, context):
