@@ -1,8 +1,8 @@
 """Whether fewer causes hold as much, with another form of one of them or a rival in its place.
 
-Forward selection takes the best cause first, and what it misfits looks like a second one: the curvature of friction that
-grows with the root of the speed is a viscosity and a film, and where friction that differs between directions is taken
-for a constant force, what that difference does to friction along the stroke is a ripple of the motor.
+Forward selection takes the best cause first, and what it misfits looks like a second one: friction that grows with the
+root of the speed is a viscosity and a film, and where friction that differs between directions is taken for a constant
+force, what that difference does to friction along the stroke is a ripple of the motor.
 """
 
 
@@ -47,9 +47,10 @@ def _with_fewer(selector, last, candidate, other, smallest):
 
 
 def _others(model, candidate, other):
-    """`Model` of the other causes, to which ``other`` comes in the place of ``candidate`` and of another form of itself:
-    of all of them, and without each that stands for a number of the axis, which a shape might run into while both are
-    fitted. Numbers of the axis that those left out stood for stay as given: what they explained, the rest have to."""
+    """`Model` of the other causes, to which ``other`` comes in the place of ``candidate`` and of another form of
+    itself: of all of them, and without each that stands for a number of the axis, which a shape might run into while
+    both are fitted. Numbers of the axis that those left out stood for stay as given: what they explained, the rest have
+    to."""
     model = model.without(candidate.id).without(other.id).holding(other.stands_for)
     return [model, *(model.without(cause.candidate.id) for cause in model.chosen if cause.candidate.stands_for)]
 

@@ -244,7 +244,8 @@ class Selector:
             return near
         learn = self.folds.learn
         columns = np.hstack([base.columns, self.size_columns(base, candidate, shape)])
-        moved = solve(columns[learn], -base.residual[learn]) + np.append(base.model.theta, np.zeros(len(candidate.sizes)))
+        before = np.append(base.model.theta, np.zeros(len(candidate.sizes)))
+        moved = before + solve(columns[learn], -base.residual[learn])
         _, low, high = near.steps_and_bounds()
         fitted = near.at(np.clip(np.append(moved, shape), low, high))
         left = [mean_square(one, learn) for one in self.loop.residuals([near.extended, fitted.extended])]
