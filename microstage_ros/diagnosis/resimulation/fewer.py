@@ -27,7 +27,7 @@ def fewest(selector, last, without, rivals, forms, smallest):
             found = _with_fewer(selector, last, cause.candidate, other, smallest)
             if found is not None:
                 rivals.setdefault(other.id, [one for one in rivals.get(name, ()) if one != other.id])
-                return fewest(selector, *found, rivals, forms, smallest)
+                return fewest(selector, found[0], found[1], rivals, forms, smallest)
     return last, without
 
 
@@ -49,7 +49,7 @@ def _with_fewer(selector, last, candidate, other, smallest):
 def _others(model, candidate, other):
     """`Model` of the other causes, to which ``other`` comes in the place of ``candidate`` and of another form of
     itself: of all of them, and without each that stands for a number of the axis, which a shape might run into while
-    both are fitted. Numbers of the axis that those left out stood for stay as given: what they explained, the rest have
+    both are fitted. Numbers of the axis that those left out stand for stay as given: what they explained, the rest have
     to."""
     model = model.without(candidate.id).without(other.id).holding(other.stands_for)
     return [model, *(model.without(cause.candidate.id) for cause in model.chosen if cause.candidate.stands_for)]
@@ -57,6 +57,6 @@ def _others(model, candidate, other):
 
 def _all_free(model, before):
     """``model`` with all numbers of the axis free for which none of its causes stands; ``before``: that with all."""
-    stood = {key for cause in before.chosen for key in cause.candidate.stands_for} | set(before.keys)
+    all_keys = {key for cause in before.chosen for key in cause.candidate.stands_for} | set(before.keys)
     held = {key for cause in model.chosen for key in cause.candidate.stands_for} | set(model.keys)
-    return model.freeing(sorted(stood - held))
+    return model.freeing(sorted(all_keys - held))

@@ -100,12 +100,13 @@ class _Forward:
 
 
 class Selector:
-    """Forward and backward selection over one closed loop."""
+    """Forward and backward selection over one closed loop; ``given``: `Stage` of the axis as given, of `select`."""
+
+    given: Stage
 
     def __init__(self, loop, folds, period, floor, progress=None):
         self.loop, self.folds, self.floor, self.progress = loop, folds, floor, progress or (lambda text: None)
         self.excess = 0.0      # mean square above the noise where a forward selection begins
-        self.given = None      # `Stage` of the axis as given
         self.block = max(int(BLOCK_S / period), 1)
 
     def stage(self, model, residual, known=None):
