@@ -56,6 +56,19 @@ class Store:
     def __exit__(self, *error):
         self.close()
 
+    def hold(self, machine):
+        """Let a machine use the sensors with which this history was begun; begin it with the machine's where it is new.
+
+        Parameters
+        ----------
+        machine : `traits.Machine`. Raises InputError where it lacks one of the history's sensors.
+        """
+        row = self._base.execute("SELECT value FROM facts WHERE name = 'sensors'").fetchone()
+        if row is not None:
+            machine.hold_to(json.loads(row[0]), self.path)
+        elif machine.sensors is not None:
+            self._base.execute("INSERT INTO facts VALUES ('sensors', ?)", (json.dumps(machine.sensors),))
+
     def add_healthy(self, time, source, traits):
         """Keep one healthy window's traits {(channel, trait): size}; it begins at ``time`` [s]."""
         text = json.dumps([[channel, trait, size] for (channel, trait), size in sorted(traits.items())])

@@ -91,6 +91,7 @@ def main(argv=None):
 def _judge_records(arguments, machine, store):
     """Learn what is healthy, judge the rest, tell. Returns 0."""
     _meet(arguments, machine)
+    store.hold(machine)
     _learn(arguments.baseline, machine, store, arguments.window)
     records = list(arguments.records)
     watch, judged, alarms = None, 0, {}
