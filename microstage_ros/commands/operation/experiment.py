@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from microstage_ros.commands import answer
+from microstage_ros.commands import answer, units
 from microstage_ros.commands.__main__ import which_ros
 from microstage_ros.commands.axis import read_axis
 from microstage_ros.commands.backend import add_backend, chosen_backend
@@ -57,11 +57,11 @@ def main(argv=None):
         action="store_true",
         help="on the cell that runs already, lockstep or paced; --axis is its axis file",
     )
-    parser.add_argument("--namespace", default="/axis", metavar="NS", help="of the axis (default /axis)")
+    parser.add_argument(
+        "--namespace", type=units.namespace, default="/axis", metavar="NS", help="of the axis (default /axis)"
+    )
     parser.add_force()
     arguments = parser.parse_args(argv)
-    if not arguments.namespace.startswith("/"):
-        raise InputError("--namespace", arguments.namespace, "a name that begins with a slash, such as /axis")
     axis = read_axis(arguments.axis or config_file("axis.yaml"))
     out = Path(arguments.out)
     keep_earlier("--out", [out / "bag"], arguments.force)
