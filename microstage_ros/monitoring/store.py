@@ -1,11 +1,15 @@
 """The history of an axis's health in one SQLite file: healthy windows to judge by, and every window that was judged."""
 
 import json
+import os
 import sqlite3
 
 from microstage_ros import __version__
 from microstage_ros.monitoring.health import Reference
 from microstage_ros.quantities.errors import InputError
+
+MAGIC = b"SQLite format 3\0"
+"""With which every file of SQLite begins."""
 
 TABLES = """
 CREATE TABLE IF NOT EXISTS facts (name TEXT PRIMARY KEY, value TEXT NOT NULL);
@@ -31,6 +35,7 @@ class Store:
 
     def __init__(self, path, axis, window_s):
         self.path, self._axis, self._window = str(path), axis, float(window_s)
+        _refuse_another_kind(self.path)
         try:
             self._base = sqlite3.connect(self.path, isolation_level=None)
             self._base.executescript(TABLES)
@@ -70,9 +75,14 @@ class Store:
             self._base.execute("INSERT INTO facts VALUES ('sensors', ?)", (json.dumps(machine.sensors),))
 
     def add_healthy(self, time, source, traits):
-        """Keep one healthy window's traits {(channel, trait): size}; it begins at ``time`` [s]."""
+        """Keep one healthy window's traits {(channel, trait): size}; it begins at ``time`` [s].
+
+        A window of the same time whose traits are here already, to the last digit, is the same one: counted twice it
+        would make the spread too narrow.
+        """
         text = json.dumps([[channel, trait, size] for (channel, trait), size in sorted(traits.items())])
-        self._base.execute("INSERT INTO healthy (time, source, traits) VALUES (?, ?, ?)", (time, source, text))
+        if self._base.execute("SELECT 1 FROM healthy WHERE time = ? AND traits = ?", (time, text)).fetchone() is None:
+            self._base.execute("INSERT INTO healthy (time, source, traits) VALUES (?, ?, ?)", (time, source, text))
 
     def healthy(self):
         """List of the healthy windows' traits."""
@@ -99,3 +109,15 @@ class Store:
     def close(self):
         """Close the file; everything is in it already."""
         self._base.close()
+
+
+def _refuse_another_kind(path):
+    """Raise InputError for a file that holds something else.
+
+    SQLite takes one of a few bytes for an empty base, and writes over it.
+    """
+    if os.path.isfile(path):
+        with open(path, "rb") as file:
+            begins = file.read(len(MAGIC))
+        if begins and begins != MAGIC:
+            raise InputError(path, begins, "a history file of watch, or a new file in an existing folder")

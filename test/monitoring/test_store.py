@@ -32,5 +32,19 @@ def test_a_file_that_is_no_history_is_refused(tmp_path):
     path.write_text("no database, but long enough to be mistaken for one\n" * 40)
     with pytest.raises(InputError, match="notes.txt"):
         Store(path, "left", 20.0)
+    path.write_text("x")  # SQLite takes so short a file for an empty base, and wrote over it
+    with pytest.raises(InputError, match="notes.txt"):
+        Store(path, "left", 20.0)
+    assert path.read_text() == "x"
     with pytest.raises(InputError, match="nowhere"):
         Store(tmp_path / "nowhere" / "health.sqlite", "left", 20.0)
+
+
+def test_a_window_that_is_learned_again_counts_once(tmp_path):
+    """The same command on the same history doubled the healthy windows, and the threshold was too narrow for it."""
+    for _ in range(2):
+        with Store(tmp_path / "health.sqlite", "left", 20.0) as store:
+            for number in range(9):
+                store.add_healthy(20.0 * number, "rec", {("torque", "level"): 0.01 * number})
+    with Store(tmp_path / "health.sqlite", "left", 20.0) as store:
+        assert len(store.healthy()) == 9
