@@ -80,9 +80,14 @@ class Store:
         A window of the same time whose traits are here already, to the last digit, is the same one: counted twice it
         would make the spread too narrow.
         """
-        text = json.dumps([[channel, trait, size] for (channel, trait), size in sorted(traits.items())])
-        if self._base.execute("SELECT 1 FROM healthy WHERE time = ? AND traits = ?", (time, text)).fetchone() is None:
-            self._base.execute("INSERT INTO healthy (time, source, traits) VALUES (?, ?, ?)", (time, source, text))
+        if not self.has_learned(time, traits):
+            row = (time, source, _text(traits))
+            self._base.execute("INSERT INTO healthy (time, source, traits) VALUES (?, ?, ?)", row)
+
+    def has_learned(self, time, traits):
+        """Whether the window that began at ``time`` [s], with these traits, is one of the healthy ones."""
+        sought = "SELECT 1 FROM healthy WHERE time = ? AND traits = ?"
+        return self._base.execute(sought, (time, _text(traits))).fetchone() is not None
 
     def healthy(self):
         """List of the healthy windows' traits."""
@@ -109,6 +114,11 @@ class Store:
     def close(self):
         """Close the file; everything is in it already."""
         self._base.close()
+
+
+def _text(traits):
+    """Traits {(channel, trait): size} as they are kept."""
+    return json.dumps([[channel, trait, size] for (channel, trait), size in sorted(traits.items())])
 
 
 def _refuse_another_kind(path):
