@@ -8,6 +8,7 @@ from microstage_ros import __version__
 from microstage_ros.monitoring.health import Reference
 from microstage_ros.quantities.errors import InputError
 
+HISTORY = "a history file of watch that can be written, or a new file in an existing folder"
 MAGIC = b"SQLite format 3\0"
 """With which every file of SQLite begins."""
 
@@ -38,12 +39,24 @@ class Store:
         _refuse_another_kind(self.path)
         try:
             self._base = sqlite3.connect(self.path, isolation_level=None)
-            self._base.executescript(TABLES)
-        except sqlite3.Error as error:
-            raise InputError(
-                self.path, str(error), "a history file of watch, or a new file in an existing folder"
-            ) from None
-        self._agree({"axis": axis, "window_s": self._window})
+            self._begin({"axis": axis, "window_s": self._window})
+        except InputError:
+            raise
+        except (sqlite3.Error, ValueError, TypeError) as error:
+            raise InputError(self.path, str(error), HISTORY) from None
+
+    def _begin(self, facts):
+        """Make the tables of a new history, or see that the file is one, whole and of these facts."""
+        tables = {name for (name,) in self._base.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
+        if tables and not tables >= {"facts", "healthy", "health"}:
+            self._base.close()
+            raise InputError(self.path, f"a database with the tables {', '.join(sorted(tables))}", HISTORY)
+        ((state,),) = self._base.execute("PRAGMA quick_check(1)").fetchall()
+        if state != "ok":
+            self._base.close()
+            raise InputError(self.path, f"a damaged file ({state})", HISTORY)
+        self._base.executescript(TABLES)
+        self._agree(facts)
         self._base.execute("INSERT OR REPLACE INTO facts VALUES ('version', ?)", (json.dumps(__version__),))
 
     def _agree(self, facts):
@@ -130,4 +143,4 @@ def _refuse_another_kind(path):
         with open(path, "rb") as file:
             begins = file.read(len(MAGIC))
         if begins and begins != MAGIC:
-            raise InputError(path, begins, "a history file of watch, or a new file in an existing folder")
+            raise InputError(path, begins, HISTORY)
