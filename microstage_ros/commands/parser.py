@@ -35,6 +35,9 @@ from microstage_ros.commands.units import LENGTHS, SPEEDS, TIMES, VOLTAGES
 from microstage_ros.files import keep_earlier
 from microstage_ros.quantities.errors import InputError
 
+PLACES = ("BAG", "DIR", "FILE", "JSON", "LOG.yaml", "NOW", "RECORD", "SKETCH")
+"""How the help calls values that name a file or folder."""
+
 _UNITS = sorted({*LENGTHS, *SPEEDS, *TIMES, *VOLTAGES}, key=len, reverse=True)
 NEGATIVE = re.compile(rf"-(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*({'|'.join(map(re.escape, _UNITS))})?")
 """A negative number, perhaps with a unit: a value, not an option."""
@@ -95,19 +98,23 @@ class Parser(argparse.ArgumentParser):
         found, unknown = super().parse_known_args(protected, namespace)
         if getattr(found, "json", None) is True:
             answer.want()
-        self._refuse_numbers(found)
+        self._refuse_values(found)
         if isinstance(getattr(found, "json", None), str) and not getattr(found, "resume", False):
             keep_earlier("--json", [found.json], getattr(found, "force", True))
         return found, unknown
 
-    def _refuse_numbers(self, found):
-        """Raise InputError for a seed below 0, and for a number that is not finite, unless it is the default."""
+    def _refuse_values(self, found):
+        """Raise InputError for a seed below 0, a number that is not finite, and a place without a name (an unset
+        variable of a shell script), unless it is the default."""
         for action in self._actions:
             value, option = getattr(found, action.dest, None), (action.option_strings or [action.dest])[0]
             if option == "--seed" and isinstance(value, int) and value < 0:
                 raise InputError(option, value, "a whole number from 0")
+            several = value if isinstance(value, list) else [value]
+            if action.metavar in PLACES and value != action.default and "" in several:
+                raise InputError(option, "", "the name of a file or folder")
             if action.type is float and value is not action.default:
-                for one in value if isinstance(value, list) else [value]:
+                for one in several:
                     if isinstance(one, float) and not math.isfinite(one):
                         raise InputError(option, one, "a finite number")
 

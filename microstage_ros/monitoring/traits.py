@@ -7,6 +7,7 @@ scatter, ln(χ² per row). It is a number to watch, no cause: what the cause is,
 import dataclasses
 import math
 import sys
+from collections.abc import Iterable
 
 from microstage_ros.diagnosis.catalogue import FORMS
 from microstage_ros.diagnosis.prerequisites.drive import drive_of
@@ -46,7 +47,31 @@ class Machine:
         self.drive = drive_of(axis)
         wanted = {(channel, key) for channel, keys in WATCHED.items() for key in keys}
         self._forms = [form for form in FORMS if (form.channel, form.key) in wanted]
-        self._sensors, self._said, self._met = None, set(), []
+        self._sensors, self._said, self._met, self._begun = None, set(), [], "the first window"
+
+    @property
+    def sensors(self):
+        """Names of the columns beside encoder and command that are used, sorted; None before the first window."""
+        return None if self._sensors is None else sorted(self._sensors)
+
+    def hold_to(self, sensors: Iterable[str], history: str) -> None:
+        """Use the sensors with which a history was begun, and no other; one that is left out is said.
+
+        Parameters
+        ----------
+        sensors : names of columns. history : its file, for messages.
+
+        Raises
+        ------
+        InputError : the windows that `meet` was shown lack one of them.
+        """
+        seen = set(sensors) if self._sensors is None else self._sensors
+        if set(sensors) - seen:
+            raise InputError(f"{history}: sensors", ", ".join(sorted(seen)) or "none in all windows",
+                             f"{', '.join(sorted(sensors))}, with which the history was begun, or another history file")
+        self._begun = f"the history {history}"
+        self._say([f"{name} is not used: {self._begun} lacks it." for name in sorted(seen - set(sensors))])
+        self._sensors = set(sensors)
 
     def meet(self, record):
         """Leave the sensors that this window lacks out of all windows that are judged; said once on standard error.
@@ -70,7 +95,8 @@ class Machine:
 
         Raises
         ------
-        InputError : for a record that the residuals cannot use, or one that lacks a sensor of the first window.
+        InputError : for a record that the residuals cannot use, or one that lacks a sensor of the first window or of
+            the history.
         """
         found, record = {}, self._comparable(record)
         fast = Collection({"learn": [prepare(record, self.drive)], "held": [], "base": []}, self.drive, fast_only=True)
@@ -89,9 +115,9 @@ class Machine:
             self._sensors = present
         for name in sorted(self._sensors - present):
             raise InputError(f"{record.source}: column {name}", "missing in more than half of the rows of a window",
-                             f"{name}, as in the first window; or records that all lack it")
+                             f"{name}, as in {self._begun}; or records that all lack it")
         for name in sorted(present - self._sensors):
-            notes.append(f"{name} is not used: the first window lacks it.")
+            notes.append(f"{name} is not used: {self._begun} lacks it.")
         self._say(notes)
         columns = {name: record.columns[name] for name in record.columns if name not in present - self._sensors}
         return dataclasses.replace(record, columns=columns)

@@ -92,13 +92,18 @@ def any_number(unit: str, meaning: str, **more: Any) -> Spec:
 
 
 def as_number(value: Any) -> float | None:
-    """The value as float [its own unit]; None for what is no real number (a truth value, a word, None, a list)."""
+    """The value as float [its own unit]; None for what is no real number (a truth value, a word, None, a list).
+
+    A whole number that no float holds is infinite, as 1e400 is.
+    """
     if isinstance(value, bool) or not isinstance(value, (numbers.Real, str)):
         return None
     try:
         return float(value)
     except ValueError:
         return None
+    except OverflowError:
+        return -math.inf if not isinstance(value, str) and value < 0 else math.inf
 
 
 def check_all(specs: Mapping[str, Spec], given: Any, place: str, also: Iterable[str] = ()) -> dict[str, Any]:

@@ -27,6 +27,8 @@ OFF_GRID = 0.05
 """Median distance from a whole count above which positions are not counts; chance gives 0.25."""
 
 MOST_MISSING = 0.5
+MIRRORED = -0.9  # correlation of two readings of one motion, of which one has the other sign
+MEAN_OVER = 0.1  # s, of the voltage that drives a motion
 OPPOSED = -0.5  # of rms voltage times rms current; a load that is lowered reaches it, too, and its steps do not
 MOST_SATURATED = 0.9
 """An axis in a limit cycle drives its amplifier from one limit to the other, and is worth looking at."""
@@ -35,6 +37,9 @@ MOST_CLIPPED = 0.5
 FEW_SATURATED = 0.02
 FINEST = 1e-9
 """Taken for a count [m] of a sensor that counts nothing (capacitive)."""
+
+MOST_COUNTS = 2.0**62
+"""Counts that a whole number of 64 bits holds; readings beyond them are refused as beyond the travel."""
 
 FEW_COUNTS = 20
 """Travel, in counts, under which ratios of positions mean nothing."""
@@ -95,8 +100,8 @@ def check_record(record, bounds, minimum_s=1.0):
     if record.duration_s < minimum_s:
         raise InputError(f"{record.source}: length", f"{record.duration_s:.4g} s", f"at least {minimum_s:g} s")
     warnings = list(record.remarks)
-    for check in (_period, _missing, _ranges, _constants, _counts, _position_units, _companions, _command, _current,
-                  _clipped):
+    for check in (_period, _missing, _ranges, _constants, _counts, _position_units, _companions, _signs, _command,
+                  _current, _driven, _clipped):
         warnings += check(record, bounds)
     return warnings
 
@@ -197,7 +202,7 @@ def _counts(record, bounds):
 def _as_counts(positions, resolution):
     """Positions as whole counts from the first, and their median distance from whole counts."""
     seen = positions[np.isfinite(positions)]
-    exact = (seen - seen[0]) / resolution
+    exact = np.clip((seen - seen[0]) / resolution, -MOST_COUNTS, MOST_COUNTS)
     counts = np.round(exact)
     moving = counts != 0
     off = float(np.median(np.abs(exact - counts)[moving])) if moving.any() else 0.0
@@ -217,6 +222,29 @@ def _companions(record, bounds):
         if not 1 / most <= ratio <= most:
             _refuse(record, name, f"a span of {other:.4g}", f"metres, like the span of encoder_m, {moved:.4g} m")
     return []
+
+
+def _signs(record, bounds):
+    """Encoder, motor, interferometer and reference move the same way, or one of them has the other sign."""
+    if span(record, "encoder_m") < FEW_COUNTS * bounds.resolution_m:
+        return []
+    for name in ("motor_angle_rad", "interferometer_m", "reference_m"):
+        if name not in record or _likeness(record["encoder_m"], record[name]) > MIRRORED:
+            continue
+        if name == "reference_m" and not 0.5 < span(record, name) / span(record, "encoder_m") < 2.0:
+            continue                                          # a loop that follows late and little
+        _refuse(record, f"{name} against encoder_m", "the opposite motion",
+                "readings that grow together: one of the two columns has the other sign")
+    return []
+
+
+def _likeness(one, other):
+    """Correlation of two columns over the rows that both have, 0 where one of them does not change."""
+    both = np.isfinite(one) & np.isfinite(other)
+    if not both.any() or np.ptp(one[both]) == 0.0 or np.ptp(other[both]) == 0.0:
+        return 0.0
+    one, other = (values[both] / np.ptp(values[both]) for values in (one, other))
+    return float(np.corrcoef(one, other)[0, 1])
 
 
 def _command(record, bounds):
@@ -254,6 +282,18 @@ def _current(record, bounds):
     if power < OPPOSED * volts * drop / bounds.resistance_ohm and steps < 0.0:
         _refuse(record, "current_A against voltage_V", f"a mean product of {power:.3g} W",
                 "amperes in the direction of the voltage, which drives them: one of the two columns has the other sign")
+    return []
+
+
+def _driven(record, bounds):
+    """A motor's voltage drives the encoder to larger positions, or one of the two has the other sign."""
+    rows = max(round(MEAN_OVER / record.period_s), 1)
+    if bounds.resistance_ohm is not None and "voltage_V" in record and len(record) >= 10 * rows:
+        blocks = len(record) // rows * rows
+        moved = record["encoder_m"][rows - 1 : blocks : rows] - record["encoder_m"][0:blocks:rows]
+        if _likeness(moved, record["voltage_V"][:blocks].reshape(-1, rows).mean(axis=1)) < MIRRORED:
+            _refuse(record, "voltage_V against encoder_m", "motion against the voltage throughout",
+                    "a positive voltage that drives to larger positions: one of the two columns has the other sign")
     return []
 
 

@@ -6,8 +6,8 @@ import yaml
 from microstage_ros.commands.__main__ import main
 from microstage_ros.commands.backend import ChosenBackend, chosen_backend
 from microstage_ros.commands.operation.cell import add_backend
-from microstage_ros.commands.operation.experiment import with_effects
 from microstage_ros.commands.parser import Parser
+from microstage_ros.commands.run_on_cell import law_of, with_run
 from microstage_ros.control.runs.run_file import run_from_dict
 from microstage_ros.control.runs.simulate import simulate
 from microstage_ros.hardware import make_hardware
@@ -57,10 +57,33 @@ def test_a_machine_that_does_not_fit_is_refused(tmp_path, capsys, machine, words
 def test_an_experiment_gives_the_effects_of_its_run_file_to_the_machine_that_it_simulates():
     axis = load_axis(SHIPPED)
     run = run_from_dict({"effects": {"backlash": {"width_rad": 0.02}}, "program": [{"move_to_m": 1e-5}]})
-    chosen = with_effects(ChosenBackend(options={"machine": SHIPPED}), run, axis)
+    chosen = with_run(ChosenBackend(options={"machine": SHIPPED}), run, axis)
     sent = yaml.safe_load(chosen.driver_parameters["backend_options"])
     assert sent == {"machine": SHIPPED, "effects": {"backlash": {"width_rad": 0.02}}}
     made, without = (make_hardware("simulated", Setup(axis, 0, options)).own_arrays[0][0] for options in (sent, {}))
     assert made["gap"] > 0.0 and without["gap"] == 0.0
     with pytest.raises(InputError, match="run: effects: got 'backlash', expected none, as backend daq has a machine"):
-        with_effects(ChosenBackend("daq", simulated=False), run, axis)
+        with_run(ChosenBackend("daq", simulated=False), run, axis)
+
+
+def test_an_experiment_takes_controller_noise_and_start_of_its_run_file(capsys):
+    """They were left out, and the help said so; where they are another machine's that is said."""
+    axis = load_axis(SHIPPED)
+    run = run_from_dict({"controller": {"type": "pid", "proportional": 3.0e5}, "noise": {"encoder_m": 0.0}, "start_m": 1e-3,
+                         "start": {"friction": "relaxed"}, "program": [{"move_to_m": 1e-5}]})
+    sent = yaml.safe_load(with_run(ChosenBackend(options={"noise": {"current_A": 0.0}}), run, axis).driver_parameters["backend_options"])
+    assert sent == {"noise": {"current_A": 0.0, "encoder_m": 0.0}, "position": 1e-3, "friction": "relaxed"}
+    assert make_hardware("simulated", Setup(axis, 0, sent)).truth.stage_position == 1e-3
+    law = law_of(run, axis)
+    assert law["controller"] == "pid" and yaml.safe_load(law["gains"]) == {"proportional": 3.0e5}
+    assert capsys.readouterr().err == ""
+    daq = ChosenBackend("daq", simulated=False)
+    assert with_run(daq, run, axis) is daq and with_run(None, run, axis) is None
+    assert capsys.readouterr().err.splitlines() == [
+        "warning: run: noise, start_m, start not used: the machine of backend daq has its own",
+        "warning: run: controller, noise, start_m, start not used: the cell that runs has its own"]
+    with pytest.raises(InputError, match="controller.type: got 'none', expected a control law"):
+        law_of(run_from_dict({"controller": {"type": "none"}, "program": [{"move_to_m": 1e-5}]}), axis)
+    assert law_of(run_from_dict({"program": [{"move_to_m": 1e-5}]}), axis) == {}
+    with pytest.raises(InputError, match="run: controller.*proportional"):
+        law_of(run_from_dict({"controller": {"type": "pid", "proportional": -1.0}, "program": [{"move_to_m": 1e-5}]}), axis)

@@ -121,3 +121,22 @@ def test_targets_from_a_file(tmp_path):
         read_targets(file)
     with pytest.raises(InputError, match="file not found.*did you mean"):
         read_targets(tmp_path / "target.txt")
+
+
+@pytest.mark.parametrize("words", [
+    ["diagnose", "--axis", "a.yaml", "one.csv", "--out", ""], ["diagnose", "--axis", "a.yaml", "one.csv", "", "--out", "x"],
+    ["watch", "--axis", "a.yaml", "--store", "", "one.csv"], ["diagnose", "--axis", "", "one.csv", "--out", "x"],
+    ["diagnose", "--axis", "a.yaml", "one.csv", "--baseline", "", "--out", "x"], ["watch", "--axis", "a.yaml", "--baseline", "", "one.csv"]])
+def test_a_place_without_a_name_is_refused(words, capsys, tmp_path, monkeypatch):
+    """``--out "$DIR"`` of an unset variable wrote the answer into the folder of the shell, ``--store ""`` kept nothing."""
+    monkeypatch.chdir(tmp_path)
+    assert main(words) == 2
+    said = capsys.readouterr().err.strip()
+    assert said.endswith("got '', expected the name of a file or folder") and len(said.splitlines()) == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_namespace_that_ros_does_not_allow_is_refused(capsys, tmp_path):
+    """`experiment` ended in an error of Python, after the nodes' environment was there."""
+    assert main(["experiment", "--run", "run.yaml", "--out", str(tmp_path / "out"), "--namespace", "/bad name"]) == 2
+    assert "expected a name that begins with a slash" in capsys.readouterr().err

@@ -106,6 +106,41 @@ def test_records_of_unlike_sensors_are_judged_by_what_all_have(records, capsys, 
         assert len(said) == 1 and "is not used" in said[0] and "0%" in said[0], shown.err
 
 
+def without_interferometer(name, path):
+    """The record ``name``, written to ``path`` without that column."""
+    record = read_record(name)
+    write_record(dataclasses.replace(record, columns={n: v for n, v in record.columns.items() if n != "interferometer_m"}), path)
+    return str(path)
+
+
+def test_a_history_that_was_begun_with_other_sensors_says_so(records, capsys, tmp_path):
+    """Another sensor has another noise: its windows were judged by the spread of the first one, without a word."""
+    few = without_interferometer(records["three"], tmp_path / "few.csv")
+    base = ["--baseline", records["one"], "--baseline", records["two"]]
+    store = ["--store", str(tmp_path / "whole.sqlite")]
+    assert answer_of(capsys, *base, *store, records["three"])[0] == 0
+    assert run("watch", ["--axis", AXIS, "--window", "5s", *store, few]) == 2
+    said = capsys.readouterr().err.strip()
+    assert "whole.sqlite: sensors: got 'current_A', expected current_A, interferometer_m, with which the history was begun" in said
+    assert len(said.splitlines()) == 1
+    store = ["--store", str(tmp_path / "few.sqlite")]
+    assert answer_of(capsys, *base, *store, few)[0] == 0
+    assert run("watch", ["--axis", AXIS, "--window", "5s", *store, records["three"]]) == 0
+    assert f"interferometer_m is not used: the history {tmp_path / 'few.sqlite'} lacks it." in capsys.readouterr().err
+
+
+def test_no_window_judges_itself(records, capsys, tmp_path):
+    """A record given as baseline and to judge was judged by its own windows, and one of the history on the next day, too."""
+    for words, said in ((["--baseline", records["one"], records["one"]], "a record that is given as RECORD too"),
+                        ([records["one"], records["one"]], "a record that is given twice")):
+        assert run("watch", ["--axis", AXIS, "--window", "5s", *words]) == 2
+        assert said in capsys.readouterr().err
+    words = ["--healthy", "8", "--store", str(tmp_path / "history.sqlite"), records["one"], records["two"], records["three"]]
+    status, first = answer_of(capsys, *words)
+    again, second = answer_of(capsys, *words)
+    assert (status, again) == (0, 0) and second == first and first["windows"] > 0
+
+
 @pytest.mark.parametrize("words, said", [
     (["--window", "1s"], "--window: got 1.0, expected 2 … 600 s"), (["--window", "1h"], "--window: got 3600.0, expected 2 … 600 s"),
     (["--healthy", "200000"], "--healthy: got 200000, expected 8 … 100000"), (["--false-alarms", "1e-5"], "--false-alarms: got 1e-05, expected 0.001 … 1000"),

@@ -36,6 +36,14 @@ def test_what_is_no_number_is_refused(value):
         MASS.check(value, "here")
 
 
+@pytest.mark.parametrize("value", [10**400, -(10**400)])
+def test_a_whole_number_beyond_every_float_is_out_of_range(value):
+    """It ended in an error of Python, "int too large to convert to float"."""
+    for spec in (MASS, positive("kg", "mass")):
+        with pytest.raises(InputError, match="here: got .*kg"):
+            spec.check(value, "here")
+
+
 def test_lists():
     weights = positive("1", "weights", is_list=True)
     assert weights.check((1, 2), "here") == [1.0, 2.0]

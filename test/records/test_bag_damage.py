@@ -125,7 +125,7 @@ def test_what_is_no_bag_is_refused(tmp_path):
     described = tmp_path / "bag/metadata.yaml"
     text = described.read_text()
     for old, new, told in [("identifier: mcap", "identifier: sqlite3", "ros2 bag convert"), ("compression_mode: ''",
-                           "compression_mode: FILE", "compressed by chunk"), ("rosbag2_bag", "x", "KeyError")]:
+                           "compression_mode: FILE", "compressed by chunk"), ("rosbag2_bag", "x", "rosbag2_bagfile_information: got None")]:
         described.write_text(text.replace(old, new))
         assert told in refusal(tmp_path / "bag")
     with pytest.raises(InputError, match="free"):
@@ -133,6 +133,21 @@ def test_what_is_no_bag_is_refused(tmp_path):
     with pytest.raises(InputError, match="every topic once"), BagWriter(tmp_path / "twice") as bag:
         bag.add_channel("/a", WORDS)
         bag.add_channel("/a", WORDS)
+
+
+@pytest.mark.parametrize("name, value", [
+    ("relative_file_paths", None), ("relative_file_paths", 3), ("relative_file_paths", [1]), ("relative_file_paths", "bag.mcap"),
+    ("relative_file_paths", ["."]), ("custom_data", [1]), ("version", "a date: 2026-13-45")])
+def test_damaged_metadata_of_a_folder_is_refused(tmp_path, name, value):
+    """Each of them ended in an error of Python, or opened the files of the word's letters."""
+    write_bag(tmp_path / "bag", count=5)
+    described = tmp_path / "bag/metadata.yaml"
+    about = yaml.safe_load(described.read_text())
+    about["rosbag2_bagfile_information"][name] = value
+    text = yaml.safe_dump(about).replace("'a date: 2026-13-45'", "2026-13-45")
+    described.write_text(text)
+    with pytest.raises(InputError, match="metadata.yaml"):
+        read_bag(tmp_path / "bag")
 
 
 def test_damaged_bytes_are_told(tmp_path):

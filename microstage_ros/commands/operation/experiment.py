@@ -5,16 +5,16 @@ import signal
 import sys
 import time
 from contextlib import contextmanager, suppress
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from microstage_ros.commands import answer
+from microstage_ros.commands import answer, units
 from microstage_ros.commands.__main__ import which_ros
-from microstage_ros.commands.axis import check_effects_fit, read_axis
-from microstage_ros.commands.backend import SIMULATED, add_backend, chosen_backend
+from microstage_ros.commands.axis import read_axis
+from microstage_ros.commands.backend import add_backend, chosen_backend
 from microstage_ros.commands.parser import Parser
+from microstage_ros.commands.run_on_cell import law_of, with_run
 from microstage_ros.control.runs.run_file import load_run
 from microstage_ros.files import complete_folder, keep_earlier
 from microstage_ros.places import config_file
@@ -39,8 +39,8 @@ def main(argv=None):
         description=(
             "Starts the nodes of an axis, or with --running joins those that are there, plays the reference of a run"
             " file (moves, scans, sines) through the controller's service follow_reference, and records everything; the"
-            " bag is a record for identify and diagnose. The simulated axis of a cell of its own has the effects of the"
-            " run file; controller and noise are those of the axis file."
+            " bag is a record for identify and diagnose. A cell of its own has the controller of the run file,"
+            " and if its axis is simulated effects, noise and start, too; what is not named is as in the axis file."
         ),
     )
     parser.add_argument(
@@ -57,24 +57,24 @@ def main(argv=None):
         action="store_true",
         help="on the cell that runs already, lockstep or paced; --axis is its axis file",
     )
-    parser.add_argument("--namespace", default="/axis", metavar="NS", help="of the axis (default /axis)")
+    parser.add_argument(
+        "--namespace", type=units.namespace, default="/axis", metavar="NS", help="of the axis (default /axis)"
+    )
     parser.add_force()
     arguments = parser.parse_args(argv)
-    if not arguments.namespace.startswith("/"):
-        raise InputError("--namespace", arguments.namespace, "a name that begins with a slash, such as /axis")
     axis = read_axis(arguments.axis or config_file("axis.yaml"))
     out = Path(arguments.out)
     keep_earlier("--out", [out / "bag"], arguments.force)
     run = load_run(arguments.run)
     reference = reference_of(run, axis)
     backend = None if arguments.running else chosen_backend(arguments, axis)
-    if run.effects:
-        backend = with_effects(backend, run, axis)
+    law = law_of(run, axis)
+    backend = with_run(backend, run, axis)
     if backend:
         arguments.mode = backend.mode_or(arguments.mode)
     with complete_folder(out) as folder:
         status = (
-            _run(arguments, out, folder, reference, axis, backend)
+            _run(arguments, out, folder, reference, axis, backend, law)
             if backend
             else _join(arguments, out, folder, reference, axis)
         )
@@ -106,29 +106,7 @@ def reference_of(run, axis):
     return reference
 
 
-def with_effects(backend, run, axis):
-    """The backend with the effects of a run, beside those of its machine's file.
-
-    Parameters
-    ----------
-    backend : `ChosenBackend`; None: a cell that runs already. run : `Run`. axis : `Axis`.
-
-    Returns
-    -------
-    `ChosenBackend`. Raises InputError where nothing simulates the effects, or the machine cannot have them.
-    """
-    if backend is None or backend.name != SIMULATED:
-        says = (f"none, as backend {backend.name} has a machine of its own" if backend else
-                "none, as the cell that runs has its machine already: give them to ./microstage cell by --machine FILE")
-        raise InputError(f"{run.place}: effects", ", ".join(run.effects), says)
-    from microstage_ros.hardware.simulated import machine_for  # loads the compiled model: not for every experiment
-
-    options = backend.options
-    check_effects_fit(machine_for(axis, options.get("machine")), run)
-    return replace(backend, options={**options, "effects": {**options.get("effects", {}), **run.effects}})
-
-
-def _run(arguments, out, folder, reference, axis, backend):
+def _run(arguments, out, folder, reference, axis, backend, law):
     import rclpy
 
     from microstage_ros.ros.launching.cell_processes import NODES, CellFailure, CellProcesses
@@ -136,7 +114,7 @@ def _run(arguments, out, folder, reference, axis, backend):
     file = {"axis_file": str(Path(arguments.axis).resolve())} if arguments.axis else {}
     parameters = {
         "axis_driver": {"mode": arguments.mode, "seed": arguments.seed, **file, **backend.driver_parameters},
-        "str_controller": file,
+        "str_controller": {**file, **law},
         "gms_observer": file,
         "bag_recorder": {
             "directory": str((folder / "bag").resolve()),

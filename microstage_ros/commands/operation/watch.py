@@ -6,6 +6,7 @@ from pathlib import Path
 
 from microstage_ros import __version__
 from microstage_ros.commands import answer, units
+from microstage_ros.commands.given_twice import refuse_given_twice
 from microstage_ros.commands.operator import name_live_axes
 from microstage_ros.commands.parser import Parser
 from microstage_ros.commands.progress import progress
@@ -90,7 +91,9 @@ def main(argv=None):
 
 def _judge_records(arguments, machine, store):
     """Learn what is healthy, judge the rest, tell. Returns 0."""
+    refuse_given_twice(RECORD=arguments.records, baseline=arguments.baseline)
     _meet(arguments, machine)
+    store.hold(machine)
     _learn(arguments.baseline, machine, store, arguments.window)
     records = list(arguments.records)
     watch, judged, alarms = None, 0, {}
@@ -98,6 +101,8 @@ def _judge_records(arguments, machine, store):
         for name in records:
             for time, window in windows_of(read_record(name), arguments.window):
                 traits = machine.traits(window)
+                if store.has_learned(time, traits):
+                    continue  # of an earlier day, or given as a baseline: no judge of itself
                 if watch is None:
                     if len(store.healthy()) < (
                         LEAST_WINDOWS if arguments.baseline or arguments.store else arguments.healthy

@@ -17,6 +17,7 @@ import yaml
 
 from microstage_ros.files import missing
 from microstage_ros.quantities.errors import InputError
+from microstage_ros.quantities.yaml_text import yaml_tree
 from microstage_ros.records.bags.bag_metadata import CUSTOM_DATA
 from microstage_ros.records.bags.chunk import HEAD_BYTES, HEAD_DTYPE, LENGTH_BEFORE_PAYLOAD
 from microstage_ros.records.bags.definition import installed_definition, parse_definition, service_event_text
@@ -29,6 +30,7 @@ THREADS = 2
 
 FOREVER = 2**63 - 1
 LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+METADATA = "the metadata of a rosbag2 folder"
 """The safe loader in C where PyYAML has it: axis files and parameters make metadata long."""
 
 
@@ -307,18 +309,32 @@ def _files_of(path):
         if not files:
             raise InputError(path, "a folder without metadata.yaml and .mcap files", "a rosbag2 folder")
         return files, {}
-    try:
-        about = yaml.load(described.read_text(encoding="utf-8"), LOADER)["rosbag2_bagfile_information"]
-        names, kind = about["relative_file_paths"], about["storage_identifier"]
-    except (yaml.YAMLError, KeyError, TypeError, UnicodeDecodeError) as error:
-        raise InputError(described, f"{type(error).__name__}: {str(error).splitlines()[0]}",
-                         "the metadata of a rosbag2 folder") from None
+    about = _described(described)
+    names, kind = about.get("relative_file_paths"), about.get("storage_identifier")
     if kind != "mcap":
         raise InputError(f"{described}: storage_identifier", kind, "mcap; `ros2 bag convert` makes one of it")
     if about.get("compression_mode"):
         raise InputError(f"{described}: compression_mode", about["compression_mode"],
                          "an MCAP bag compressed by chunk; `ros2 bag convert` makes one of it")
-    return [path / Path(name).name for name in names], dict(about.get("custom_data") or {})
+    if not isinstance(names, list) or not names or not all(isinstance(name, str) and Path(name).name for name in names):
+        raise InputError(f"{described}: relative_file_paths", names, "a list of the names of the bag's MCAP files")
+    custom = about.get("custom_data") or {}
+    if not isinstance(custom, dict):
+        raise InputError(f"{described}: custom_data", custom, "a mapping")
+    return [path / Path(name).name for name in names], custom
+
+
+def _described(path):
+    """The mapping of a rosbag2 folder's ``metadata.yaml``. Raises InputError for another file."""
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(path, str(error), METADATA) from None
+    tree = yaml_tree(text, str(path), METADATA)
+    about = tree.get("rosbag2_bagfile_information") if isinstance(tree, dict) else None
+    if not isinstance(about, dict):
+        raise InputError(f"{path}: rosbag2_bagfile_information", about, f"{METADATA}: a mapping")
+    return about
 
 
 def read_bag(path, topics=None, start=None, end=None):

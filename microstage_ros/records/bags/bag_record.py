@@ -228,7 +228,8 @@ def _prefix(bag, namespace):
             raise InputError(f"{bag.path}: namespace", namespace, "one of " + ", ".join(found or ["none"]))
         return prefix
     if len(found) != 1:
-        raise InputError(f"{bag.path}: axes", ", ".join(found) or f"topics {', '.join(sorted(bag.topics))}",
+        other = f"topics {', '.join(sorted(bag.topics))}" if bag.topics else "no topics"
+        raise InputError(f"{bag.path}: axes", ", ".join(found) or other,
                          "one axis (a topic `state` of type AxisState), or its namespace")
     return found[0]
 

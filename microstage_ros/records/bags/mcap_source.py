@@ -84,7 +84,9 @@ class McapSource:
         except (McapError, struct.error, ValueError, IndexError, OverflowError) as error:
             if isinstance(error, InputError):
                 raise
-            raise InputError(self.path, f"damaged ({error})", "a whole MCAP file") from None
+            says = str(error) or type(error).__name__
+            raise InputError(self.path, f"damaged ({says})",
+                             "a whole MCAP file; `microstage recover` keeps what is whole of it") from None
         self.chunks.sort(key=lambda chunk: (chunk.start, chunk.data))
 
     def unpack(self, chunk):

@@ -127,6 +127,7 @@ class HealthMonitor(Node):
         """Judge windows as they come, in a thread of its own (SQLite likes one thread)."""
         p = self.parameters
         with Store(p.store or ":memory:", self._axis.name, p.window) as store:
+            store.hold(self._machine)
             if len(store.healthy()) >= p.healthy_windows:
                 self._watch = Watch(store.reference(), p.false_alarms_per_month)
             while running():
@@ -146,6 +147,7 @@ class HealthMonitor(Node):
         traits, p = self._machine.traits(record), self.parameters
         begins, health = stamp * 1e-9 - p.window, {}
         if self._watch is None:
+            store.hold(self._machine)
             store.add_healthy(begins, record.source, traits)
             if len(store.healthy()) >= p.healthy_windows:
                 self._watch = Watch(store.reference(), p.false_alarms_per_month)
