@@ -1,7 +1,10 @@
 """From records of an axis to its parameters: which estimators a machine allows, and their order."""
 
+import itertools
+
 import numpy as np
 
+from microstage_ros.identification import torque_constant
 from microstage_ros.identification.closed_loop import refine_closed_loop
 from microstage_ros.identification.estimators.acceleration import identify_attraction, identify_inertia
 from microstage_ros.identification.estimators.actuator import Features, extract, steady_series
@@ -25,9 +28,6 @@ MOST_DYNAMIC = 12  # records kept whole for motor constants, inertia and C
 CELL = 1e-5  # travel of one sample of friction [m]
 
 ELSEWHERE = {
-    "drive.torque_constant": "a known torque at the shaft (a weight on a lever) would; for an ideal DC machine it "
-    "equals the "
-    "back-EMF constant",
     "stage.mass": "weighing the moving parts would: its inertia is under 1 % of the rotor's at the motor",
     "transmission.stiffness": "the stage against the motor's angle under known loads, or its resonance (about 300 "
     "Hz), would",
@@ -165,12 +165,15 @@ def identify_motor_axis(records, axis, seed=0, progress=lambda text: None, block
         ("generalised_maxwell_slip",),
         "only this law's parameters are estimated from a motor's records",
     )
-    coupled = axis.law("guideway") != "none"
+    coupled, given, records = axis.law("guideway") != "none", axis, iter(records)
+    first = list(itertools.islice(records, MOST_DYNAMIC))
+    if not first:
+        raise InputError("records", 0, "at least one record")
+    motor = identify_motor([_signals_and_load(record, axis, coupled)[0] for record in first], axis)
+    axis = torque_constant.with_found_constant(axis, motor.estimates)
     features, dynamic = Features(), []
-    for number, record in enumerate(records):
-        signals = motor_signals(record, axis)
-        load = driven_load(signals, axis) if coupled else None
-        signals = with_windup(signals, axis) if coupled else signals
+    for number, record in enumerate(itertools.chain(first, records)):
+        signals, load = _signals_and_load(record, axis, coupled)
         found = extract(signals, axis, number, load)
         series = steady_series(signals, axis, CELL, load)
         found.series = [series] if len(series) else []
@@ -178,8 +181,6 @@ def identify_motor_axis(records, axis, seed=0, progress=lambda text: None, block
         if len(dynamic) < MOST_DYNAMIC:
             dynamic.append(signals)
         progress(f"{record.source}: {len(found.loadings)} slow reversals, {len(found.speed)} steady runs")
-    if not dynamic:
-        raise InputError("records", 0, "at least one record")
     result = identify_motor(dynamic, axis)
     result.remarks += filter(None, [cross_check(dynamic, result.estimates, axis)])
     result.merge(identify_inertia(dynamic, axis))
@@ -196,7 +197,16 @@ def identify_motor_axis(records, axis, seed=0, progress=lambda text: None, block
             quantity = axis.quantity(key) if axis.has(key) else None
             result.add(Estimate(key, quantity.value if quantity else float("nan"), quantity.unit if quantity else "",
                                 determined=False, remark=f"not determined by these records; {experiment}"))
+    torque_constant.add_constant(result, given)
     return result
+
+
+def _signals_and_load(record, axis, coupled):
+    """(`MotorSignals`, what the stage asks of the motor or None) of one record."""
+    signals = motor_signals(record, axis)
+    if not coupled:
+        return signals, None
+    return with_windup(signals, axis), driven_load(signals, axis)
 
 
 def identify_series(series, axis):

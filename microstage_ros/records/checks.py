@@ -229,13 +229,28 @@ def _signs(record, bounds):
     if span(record, "encoder_m") < FEW_COUNTS * bounds.resolution_m:
         return []
     for name in ("motor_angle_rad", "interferometer_m", "reference_m"):
-        if name not in record or _likeness(record["encoder_m"], record[name]) > MIRRORED:
+        if name not in record:
             continue
-        if name == "reference_m" and not 0.5 < span(record, name) / span(record, "encoder_m") < 2.0:
-            continue                                          # a loop that follows late and little
+        readings = record["encoder_m"], record[name]
+        if name == "reference_m":                 # fast sines are followed late and little
+            readings = tuple(_means(record, values) for values in readings)
+            encoder, asked = (float(np.ptp(np.append(one[np.isfinite(one)], 0.0))) for one in readings)
+            if not 0.5 < asked / max(encoder, bounds.resolution_m) < 2.0:
+                continue
+        if _likeness(*readings) > MIRRORED:
+            continue
         _refuse(record, f"{name} against encoder_m", "the opposite motion",
                 "readings that grow together: one of the two columns has the other sign")
     return []
+
+
+def _means(record, values):
+    """Means of a column over each `MEAN_OVER` about their own mean, shape (blocks,): NaN with a missing sample, and a
+    single zero of a record of less than ten."""
+    rows = max(round(MEAN_OVER / record.period_s), 1)
+    blocks = len(record) // rows
+    means = values[: blocks * rows].reshape(-1, rows).mean(axis=1) if blocks >= 10 else np.zeros(1)
+    return means - np.nanmean(means) if np.isfinite(means).any() else means
 
 
 def _likeness(one, other):
@@ -287,13 +302,13 @@ def _current(record, bounds):
 
 def _driven(record, bounds):
     """A motor's voltage drives the encoder to larger positions, or one of the two has the other sign."""
-    rows = max(round(MEAN_OVER / record.period_s), 1)
-    if bounds.resistance_ohm is not None and "voltage_V" in record and len(record) >= 10 * rows:
-        blocks = len(record) // rows * rows
-        moved = record["encoder_m"][rows - 1 : blocks : rows] - record["encoder_m"][0:blocks:rows]
-        if _likeness(moved, record["voltage_V"][:blocks].reshape(-1, rows).mean(axis=1)) < MIRRORED:
-            _refuse(record, "voltage_V against encoder_m", "motion against the voltage throughout",
-                    "a positive voltage that drives to larger positions: one of the two columns has the other sign")
+    if bounds.resistance_ohm is None or "voltage_V" not in record:
+        return []
+    moved = _means(record, np.gradient(record["encoder_m"]))
+    if _likeness(moved, _means(record, record["voltage_V"])) < MIRRORED:
+        columns = "voltage_V and current_A" if "current_A" in record else "voltage_V"
+        _refuse(record, f"{columns} against encoder_m", "motion against the voltage throughout",
+                "a positive voltage that drives to larger positions: either side has the other sign")
     return []
 
 

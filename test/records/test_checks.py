@@ -50,7 +50,7 @@ LIES = {
     "the encoder with the other sign": ({"encoder_m": -1.0}, ["motor_angle_rad against encoder_m", "other sign"]),
     "the reference with the other sign": ({"reference_m": -1.0}, ["reference_m against encoder_m", "other sign"]),
     "the interferometer with the other sign": ({"interferometer_m": -1.0}, ["interferometer_m against encoder_m", "other sign"]),
-    "voltage and current with the other sign": ({"voltage_V": -1.0, "current_A": -1.0}, ["voltage_V against encoder_m", "other sign"]),
+    "voltage and current with the other sign": ({"voltage_V": -1.0, "current_A": -1.0}, ["voltage_V and current_A against encoder_m", "other sign"]),
     "pressure in hPa": ({"air_pressure_Pa": 1e-2}, ["air_pressure_Pa", "pascal"]),
     "humidity in percent": ({"air_humidity": 1e2}, ["air_humidity", "0 to 1"]),
 }

@@ -14,14 +14,13 @@ from microstage_ros.commissioning.sketch import USUAL
 from microstage_ros.identification.estimators.estimate import Estimate
 from microstage_ros.identification.intake import take_in
 from microstage_ros.identification.pipeline import identify
+from microstage_ros.identification.torque_constant import TIED
 from microstage_ros.model.actuators import actuator_of
 from microstage_ros.model.transmission import motor_ratio
 from microstage_ros.quantities.errors import InputError
 
 FITTED = tuple(f"contacts.actuator.{name}" for name in ("coulomb", "static", "stribeck_velocity", "viscous"))
 FAR = math.log(10.0)  # from its first value; the bounds are at a factor of twelve
-# how far a DC motor's torque constant may be from its back-EMF constant (iron losses, temperature between the two)
-TIED = 0.01
 LARGEST_LOAD = 0.9  # of the moving mass: the rotor keeps a tenth
 ROUGHLY = 0.5  # relative standard deviation beyond which no number is called determined
 VOLTS_ONLY = (
