@@ -264,7 +264,7 @@ def _margins_in_words(m):
     def of(what, value, error, unit):
         if not math.isfinite(value):
             return "none, no crossing"
-        return quantity(value, unit, 3, 2 * error) + (" (modelled)" if what in m.modelled else "")
+        return quantity(value, unit, 3, 2 * error) + (" (95 %, modelled)" if what in m.modelled else " (95 %)")
 
     said = (
         f"Loop in motion, measured up to {m.highest_Hz:.0f} Hz: phase margin "

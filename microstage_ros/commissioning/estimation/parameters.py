@@ -210,12 +210,16 @@ def unseen(estimates, period):
 
 
 def _widened(estimate, shared=0.0):
-    """The estimate with its systematic part, and ``shared`` (in its unit); 95 % about the value."""
+    """The estimate with its systematic part, and ``shared`` (in its unit); 95 % about the value, and a share within 0
+    and 1."""
     part = SYSTEMATIC.get(estimate.key)
     if part is None or not estimate.determined or isinstance(estimate.value, list):
         return estimate
     spread = math.hypot(float(estimate.stderr or 0.0), part * abs(float(estimate.value)), shared)
-    return replace(estimate, stderr=spread, low=estimate.value - 1.96 * spread, high=estimate.value + 1.96 * spread)
+    low, high = estimate.value - 1.96 * spread, estimate.value + 1.96 * spread
+    if estimate.key == "variability.travel_share":
+        low, high = max(low, 0.0), min(high, 1.0)
+    return replace(estimate, stderr=spread, low=low, high=high)
 
 
 def _inertia(axis, fit, estimates, current_free):
@@ -285,10 +289,10 @@ def _drive_train(axis, sketch, fit, estimates, remarks):
             "response in sliding",
             why,
         )
+    doubt = f"within {mass:.0%} (one standard deviation)" if mass < 1.0 else "to its order of magnitude at best"
     remarks.append(
         f"Stiffness and damping of the drive train are those for a stage of {axis.value('stage.mass'):.4g} kg, as in"
-        f" axis.yaml, and so are their standard uncertainties: they go with the mass, which is known within {mass:.0%}"
-        " (one standard deviation)."
+        f" axis.yaml, and so are their standard uncertainties: they go with the mass, which is known {doubt}."
     )
     error = fit.resonance_error * fit.resonance
     estimates["resonance of the drive train"] = Estimate(
