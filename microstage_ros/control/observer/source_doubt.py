@@ -66,9 +66,9 @@ BEGINS = 2.5e-7
 # as `MECHANICAL`: the second half wave of a soft drive in a fast move has 17 to 54, that of heavy stages 15 at most;
 # the largest factor on a doubt of one half wave
 SOFT, LARGEST_STEP = 16.0, 3.0
-# m, half wave of the error at rest: smaller ones cross no gap. With it the ends of 2006 moves through gaps of 0.25 and 1
-# degree (`robustness --moves`, seeds 58000 to 58058 and 59000 to 59058) are the same to the last digit; with 0.6 µm 165
-# of 1003 end more than 100 nm off at 1 degree in place of 151
+# m, half wave of the error at rest: smaller ones cross no gap. With it the ends of 2006 moves through a gap of 1 degree
+# (`robustness --moves`, seeds 58000 to 58058 and 59000 to 59058) are the same to the last digit; with 0.6 µm 165 of
+# 1003 end more than 100 nm off in place of 151
 IN_A_GAP = 3e-7
 SUSPECTED_TIME = 10.0  # s, since the last rattle
 LEAST_STEP = 2e-3  # V, rms of steps beyond which noise of amplifier and current, which only adds to R di, is small
@@ -146,8 +146,8 @@ def lost_motion_suspected(s):
 
 @compiled
 def rattles_at_rest(s, wave):
-    """Whether swings at rest, of a half wave ``wave`` [m], are a motor's in a gap: all of them in one that is known, the
-    larger ones where lost motion is suspected."""
+    """Whether swings at rest, of a half wave ``wave`` [m], are a motor's in a gap: all in one that is known, the larger
+    ones where lost motion is suspected."""
     return s.gap > 0.0 or (s.suspected > 0.0 and wave > IN_A_GAP)
 
 
