@@ -3,7 +3,9 @@
 import pytest
 import yaml
 
+from microstage_ros.commissioning.estimation.parameters import unseen
 from microstage_ros.commissioning.sketch import UNKNOWN, USUAL, load_sketch, sketch_from_dict
+from microstage_ros.identification.estimators.estimate import Estimate
 from microstage_ros.places import config_file
 from microstage_ros.quantities.errors import InputError
 
@@ -81,3 +83,9 @@ def test_what_is_unlikely_in_a_sketch_is_said_and_nothing_of_what_was_filled_in(
     said = load_sketch(path).unlikely
     assert len(said) == 2 and all(line.startswith(f"{path}: line ") and "unlikely" in line for line in said)
     assert "transmission.pitch: 2 m" in said[0] and "sensors.encoder.resolution: 25 m" in said[1]
+
+
+@pytest.mark.parametrize("stderr, said", [(0.7, "within some 70 % only"), (2.2, "its standard uncertainty is its value or more")])
+def test_an_uncertainty_beyond_the_value_is_no_share_of_it(stderr, said):
+    why = unseen({"stage.mass": Estimate("stage.mass", 1.0, "kg", stderr=stderr)}, 1e-4)["stage.mass"]
+    assert said.replace(" %", "%") in why

@@ -186,7 +186,8 @@ def unseen(estimates, period):
     standard uncertainty is half of it has no symmetric 95 % interval.
     """
     found = {
-        key: f"known within some {e.stderr / abs(e.value):.0%} only"
+        key: f"known within some {e.stderr / abs(e.value):.0%} only" if e.stderr < abs(e.value)
+        else "its standard uncertainty is its value or more"
         for key, e in estimates.items()
         if e.determined and e.stderr is not None and not isinstance(e.value, list) and e.stderr > ROUGHLY * abs(e.value)
     }

@@ -237,7 +237,7 @@ def regulate(parameters, state, reference):
             state.pid,
             period,
             observer.inertia,
-            not source_doubt.lost_motion_suspected(observer),
+            not source_doubt.rattles_at_rest(observer, state.adaptation.wave),
         )
         adaptation.fade_damping(parameters.adaptation, state.adaptation, state.pid.reference_velocity, period)
     limit, applied = parameters.voltage_limit, observer.applied

@@ -39,7 +39,7 @@ def component_records(record, fine):
     coarse["interferometer_m"] = below
     columns = {"t_s": record["t_s"], "encoder_m": y, "reference_m": record["reference_m"] - below,
                "voltage_V": command + pushed, "disturbance_V": pushed}
-    return {name: Record(record.period_s, each, record.source, dict(record.metadata))
+    return {name: Record(record.period_s, each, record.source, dict(record.metadata), record.remarks)
             for name, each in (("coarse", coarse), ("fine", columns))}
 
 

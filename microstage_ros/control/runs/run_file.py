@@ -123,7 +123,7 @@ def run_from_dict(tree, place="run", folder="."):
     period = tree.get("period_s")
     if period is not None:
         period = _number(period, f"{place}: period_s", 1e-6, 1.0, "s")
-    controller = tree.get("controller") or {}
+    controller = {} if tree.get("controller") is None else tree["controller"]
     if not isinstance(controller, dict):
         raise InputError(f"{place}: controller", controller, "a mapping {type: ..., gains}")
     if controller:
@@ -131,13 +131,13 @@ def run_from_dict(tree, place="run", folder="."):
         if not isinstance(kind, str):
             raise InputError(f"{place}: controller.type", kind, "one of " + ", ".join(laws.LAWS))
         laws.law(kind, f"{place}: controller.type")
-    noise = tree.get("noise") or {}
+    noise = {} if tree.get("noise") is None else tree["noise"]
     _mapping(noise, f"{place}: noise", NOISES)
     noise = {
         key: _number(value, f"{place}: noise.{key}", 0.0, 1e3, "(standard deviation)") for key, value in noise.items()
     }
-    effects = check_effects(tree.get("effects") or {}, f"{place}: effects")
-    limits = _limits(tree.get("limits") or {}, profiles.DEFAULT_LIMITS, f"{place}: limits")
+    effects = check_effects({} if tree.get("effects") is None else tree["effects"], f"{place}: effects")
+    limits = _limits({} if tree.get("limits") is None else tree["limits"], profiles.DEFAULT_LIMITS, f"{place}: limits")
     start = tree.get("start_m")
     start = None if start is None else _number(start, f"{place}: start_m", -1e3, 1e3, "m")
     program = _program(tree.get("program"), f"{place}: program", pathlib.Path(folder))

@@ -244,6 +244,30 @@ def test_a_rattle_begins_at_the_size_of_a_gap_or_shows_in_the_back_emf(axis, fir
     assert (memory["suspected"] > 0.0) == suspected
 
 
+def test_what_swings_in_a_fast_slide_is_no_rattle(axis):
+    """Friction holds the drive to one flank of a gap. On a machine of twice the mass and half the stiffness the swing of a fast move
+    was taken for a rattle, no doubt was raised, and the loop went between the voltage's limits for 0.2 s (12 um; 6 since)."""
+    controller = make_controller(LAW, axis)
+    memory, told = controller.memory["observer"], controller.parameters["observer"]
+    memory["position_test"], memory["speed_test"], memory["wave_first"] = 100.0, 1.0, 0.5e-6
+    memory["wave_peak"], memory["wave_before"], memory["wave_time"] = 1.1e-6, 0.6e-6, 3e-3  # omega A = 1.2 mm/s
+    for speed, suspected in ((3e-3, False), (1e-3, True)):
+        memory["v"], memory["suspected"], memory["encoder_factor"] = speed, 0.0, told["encoder_doubt"]
+        source_doubt.doubt_more(told, memory)
+        assert (memory["suspected"] > 0.0) == suspected
+        assert (memory["encoder_factor"] > told["encoder_doubt"]) != suspected
+
+
+@pytest.mark.parametrize("gap, suspected, wave, rattles", [
+    (0.0, 0.0, 1e-5, False), (0.0, 5.0, 1.2e-7, False), (0.0, 5.0, 1e-6, True), (3e-6, 0.0, 1.2e-7, True),
+])
+def test_gains_fade_in_a_swing_at_rest_that_crosses_no_gap(axis, gap, suspected, wave, rattles):
+    """A swing of 0.23 um at rest went on for as long as lost motion was suspected."""
+    memory = make_controller(LAW, axis).memory["observer"]
+    memory["gap"], memory["suspected"] = gap, suspected
+    assert source_doubt.rattles_at_rest(memory, wave) == rattles
+
+
 @pytest.mark.parametrize("growth, factor", [(1.9, 1.9), (2.7, 2.7), (1e3, source_doubt.LARGEST_STEP), (1.01, source_doubt.STEP)])
 def test_the_doubt_in_the_encoder_follows_the_growth_of_a_soft_drives_swing(axis, growth, factor):
     """One step for every growth let a record of 0.15 times the stiffness go to 2.3 um."""

@@ -13,6 +13,7 @@ from microstage_ros.commands.analysis.diagnose import main as diagnose
 from microstage_ros.commands.analysis.identify import main as identify
 from microstage_ros.control.laws.controller import make_controller
 from microstage_ros.control.runs.coarse_fine import TRACE, coarse_fine_record, make_piece, run_both
+from microstage_ros.control.runs.components import component_records
 from microstage_ros.control.runs.run_file import run_from_dict
 from microstage_ros.model.axis_file import load_axis
 from microstage_ros.model.coarse_fine import load_machine
@@ -28,6 +29,11 @@ FILE = Path(__file__).resolve().parents[3] / "config" / "axes" / "coarse_fine.ya
 def record():
     run = run_from_dict({"program": [{"move_to_m": 2e-4, "dwell_s": 0.6}, {"move_to_m": 0.0, "dwell_s": 0.6}]})
     return coarse_fine_record(load_machine(FILE), run, seed=2)
+
+
+def test_records_of_the_components_keep_the_remarks(record):
+    parts = component_records(replace(record, remarks=("bag: 1 stop of the host",)), load_machine(FILE).fine)
+    assert {part.remarks for part in parts.values()} == {("bag: 1 stop of the host",)}
 
 
 @pytest.fixture(scope="module")
