@@ -3,7 +3,7 @@
 import pytest
 import yaml
 
-from microstage_ros.commissioning.estimation.parameters import unseen
+from microstage_ros.commissioning.estimation.parameters import _widened, unseen
 from microstage_ros.commissioning.sketch import UNKNOWN, USUAL, load_sketch, sketch_from_dict
 from microstage_ros.identification.estimators.estimate import Estimate
 from microstage_ros.places import config_file
@@ -89,3 +89,8 @@ def test_what_is_unlikely_in_a_sketch_is_said_and_nothing_of_what_was_filled_in(
 def test_an_uncertainty_beyond_the_value_is_no_share_of_it(stderr, said):
     why = unseen({"stage.mass": Estimate("stage.mass", 1.0, "kg", stderr=stderr)}, 1e-4)["stage.mass"]
     assert said.replace(" %", "%") in why
+
+
+def test_the_interval_of_a_share_stays_one():
+    share = _widened(Estimate("variability.travel_share", 0.9, "1", 0.1, 0.7, 1.1))
+    assert share.low > 0.3 and share.high == 1.0
