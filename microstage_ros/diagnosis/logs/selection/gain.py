@@ -20,6 +20,23 @@ OF_ITSELF = ", on the one repetition that chose and sized the causes: no gain on
 LEAST = 1e-9               # derived: a divisor, never nothing
 
 
+def hold_back(stages, groups, open_sign):
+    """`gain_of` once causes without rivals are left out, the worst first, that leave more of repetitions held back than
+    there was without them: what one half of the repetitions shows of such a cause, the other one does not, and it is
+    not sure. One that has rivals is not called sure."""
+    left_out: list = []
+    while True:
+        gain, parts, said = gain_of(stages, groups, open_sign)
+        sure = [choice.name for stage in stages for choice in stage.chosen if not choice.rivals]
+        worst = min(sure, key=lambda name: parts[name][3], default=None)
+        if worst is None or parts[worst][3] >= 0.0:
+            return gain, parts, [*said, *left_out]
+        for stage in stages:
+            stage.drop(worst)
+        left_out.append(f"{decide.plain(worst)}, which all repetitions together show, is not named: one half of them is"
+                        " worse described with what the other one says of it.")
+
+
 def gain_of(stages, groups, open_sign):
     """(`OverallImprovement`, {form: (share [1], rms before [1], rms after [1], χ² that it takes [1])} of the causes of
     all ``stages``, a list of `Stage`, sentences for the notes).

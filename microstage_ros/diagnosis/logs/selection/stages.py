@@ -68,6 +68,17 @@ class Stage:
                 f" out: {decide.plain(self.chosen[0].name)}."
             )
             self.chosen = []
+        self._measure()
+        return said
+
+    def drop(self, name):
+        """Leave out the chosen cause of this form."""
+        self.chosen = [choice for choice in self.chosen if choice.name != name]
+        self._measure()
+
+    def _measure(self):
+        """Share of what stands out that the causes remove, and log p of what they leave."""
+        self.share = decide.stands_out(self.problem, self.chosen)[1]
         removed = self.problem.taken([c.name for c in self.chosen])[0]
         k = len(self.problem.difference)
         self.left = float(
@@ -75,7 +86,6 @@ class Stage:
                 max(self.problem.whole - removed, 0.0) / k / self.problem.whole_inflation, k, self.problem.dof
             )
         )
-        return said
 
 
 def form_error(coordinates, difference):
