@@ -302,9 +302,10 @@ def _current(record, bounds):
 
 def _driven(record, bounds):
     """A motor's voltage drives the encoder to larger positions, or one of the two has the other sign."""
-    travels = span(record, "encoder_m") >= FEW_COUNTS * bounds.resolution_m  # what holds against a push moves against it
-    if bounds.resistance_ohm is None or "voltage_V" not in record or not travels:
+    if bounds.resistance_ohm is None or "voltage_V" not in record:
         return []
+    if span(record, "encoder_m") < FEW_COUNTS * bounds.resolution_m:
+        return []  # what holds against a push moves against its voltage
     moved = _means(record, np.gradient(record["encoder_m"]))
     if _likeness(moved, _means(record, record["voltage_V"])) < MIRRORED:
         columns = "voltage_V and current_A" if "current_A" in record else "voltage_V"
