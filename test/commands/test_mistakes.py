@@ -188,6 +188,8 @@ MISTAKES = {
     "an earlier campaign in the way": (["campaign", "--cases", "1", "--json", "answer/report.json"], "--force"),
     "an earlier examination of logs in the way": (["log", "--examine", "1", "--out", "logs"], "--force"),
     "failures of robustness in the way": (["robustness", "--out", "failures"], "--force"),
+    "no random machine": (["robustness", "--random", "0"], "--random: got 0, expected 1 or more"),
+    "no move": (["robustness", "--moves", "0"], "--moves: got 0, expected 1 or more"),
     "judged on what it learned from": (["diagnose", "--axis", "axis.yaml", "rec.csv", "--holdout", "./rec.csv", "--out", "new"], "given as RECORD too"),
     "a healthy axis with the fault": (["diagnose", "--axis", "axis.yaml", "rec.csv", "--baseline", "rec.csv", "--out", "new"], "given as RECORD too"),
     "a record given twice to identify": (["identify", "--axis", "axis.yaml", "rec.csv", "./rec.csv", "--out", "n.yaml"], "given twice"),

@@ -130,7 +130,7 @@ def _parse(argv):
         "--only", nargs="+", default=[], metavar="NAME", help="these conditions or random machines alone, by name"
     )
     parser.add_argument(
-        "--random", type=int, default=0, metavar="N", help="that many machines at random, in place of the conditions"
+        "--random", type=int, metavar="N", help="that many machines at random, in place of the conditions"
     )
     parser.add_argument("--first", type=int, default=0, metavar="N", help="number of the first of them (default 0)")
     parser.add_argument(
@@ -139,7 +139,6 @@ def _parse(argv):
     parser.add_argument(
         "--moves",
         type=int,
-        default=0,
         metavar="N",
         help="at least N moves there and back in place of the program: how many end beside their target",
     )
@@ -166,10 +165,10 @@ def _parse(argv):
     parser.add_argument("--list", action="store_true", help="print the names of the conditions and do nothing")
     arguments = parser.parse_args(argv)
     check_documents(arguments.update)
-    for name in ("seeds", "jobs"):
-        if getattr(arguments, name) < 1:
+    for name in ("seeds", "jobs", "random", "moves"):
+        if getattr(arguments, name) is not None and getattr(arguments, name) < 1:
             raise InputError(f"--{name}", getattr(arguments, name), "1 or more")
-    for name in ("seed", "random", "first", "moves"):
+    for name in ("seed", "first"):
         if getattr(arguments, name) < 0:
             raise InputError(f"--{name}", getattr(arguments, name), "0 or more")
     if arguments.beside and (arguments.beside not in LAWS or arguments.beside == "none"):

@@ -80,13 +80,13 @@ def test_what_one_cause_misfits_is_no_second_one(number, hidden):
 
 
 def test_names_of_fresh_seeds():
-    """Of 245 hidden cases 234 are right first or among the rivals, in 15 of 300 a wrong name stands, none is overlooked (seed 26103).
-    Were the true rates their upper limits, 0.079, 0.081 and 0.015, more than 6, 6 and 3 of 12 would come in less than one of 10⁴ runs."""
+    """Of 255 hidden cases 250 are right first or among the rivals, in 4 of 300 a wrong name stands, none is overlooked (seed 26104).
+    Were the true rates their upper limits, 0.045, 0.034 and 0.0144, more than 5, 4 and 3 of 12 would come in less than one of 10⁴ runs."""
     seed = int(np.random.default_rng().integers(10**6))
     outcomes = [examine(Case(seed, number)) for number in range(12)]
     hidden, text = [one for one in outcomes if one.hidden], "\n".join([f"seed {seed}", *map(str, outcomes)])
-    assert sum(not set(one.named + sum(one.rivals, ())) & set(one.hidden) for one in hidden) <= 6, text
-    assert sum(bool(set(one.named) - set(one.hidden)) for one in outcomes) <= 6, text
+    assert sum(not set(one.named + sum(one.rivals, ())) & set(one.hidden) for one in hidden) <= 5, text
+    assert sum(bool(set(one.named) - set(one.hidden)) for one in outcomes) <= 4, text
     assert sum(one.verdict == "agrees" for one in hidden) <= 3, text
 
 
