@@ -265,10 +265,12 @@ class Selector:
                 and worse.motion - better.motion > smallest * worse.motion)
 
     def certainty(self, stage, cause):
-        """Largest size of a `Chosen` ``cause`` of the ``stage``, a `Stage`, over its standard error [1]."""
-        learn = self.folds.learn
-        errors = standard_errors(stage.columns[learn], stage.residual[learn], self.block)
-        first, sizes = stage.model.place(cause.candidate.id), len(cause.candidate.sizes)
+        """Largest size of a `Chosen` ``cause`` of the ``stage``, a `Stage`, over its standard error with its shape held
+        [1]: whether there is such an effect, not how large it is by what power of the speed."""
+        learn, first, sizes = self.folds.learn, stage.model.place(cause.candidate.id), len(cause.candidate.sizes)
+        shapes = np.arange(first + sizes, first + len(cause.values))
+        columns = np.delete(stage.columns[learn], shapes, axis=1)
+        errors = standard_errors(columns, stage.residual[learn], self.block)
         return float(np.max(np.abs(cause.values[:sizes]) / np.maximum(errors[first: first + sizes], 1e-300)))
 
     def look_alikes(self, best, trials, now):

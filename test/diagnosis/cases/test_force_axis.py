@@ -69,7 +69,7 @@ def test_a_film_is_no_viscosity_and_level_that_both_differ(axis):
 @pytest.mark.parametrize("number, hidden", [
     (111, ("direction_asymmetry", "position_dependent_friction")),   # a constant force and a ripple in place of the asymmetry
     (292, ("nonlinear_viscous",)),                                   # a viscosity and a film in place of a power of the speed
-    (61, ("sampling_jitter",)),                                      # a film that is not certain beside what reads late
+    (106, ("nonlinear_viscous", "direction_asymmetry")),             # a viscosity and a level in place of the square of the speed
 ])
 def test_what_one_cause_misfits_is_no_second_one(number, hidden):
     """Seed 26103: in 14 of 300 answers a name stood for what another one misfits, in one since fewer causes are preferred that leave
