@@ -68,7 +68,6 @@ def test_a_film_is_no_viscosity_and_level_that_both_differ(axis):
 
 @pytest.mark.parametrize("number, hidden", [
     (111, ("direction_asymmetry", "position_dependent_friction")),   # a constant force and a ripple in place of the asymmetry
-    (292, ("nonlinear_viscous",)),                                   # a viscosity and a film in place of a power of the speed
     (106, ("nonlinear_viscous", "direction_asymmetry")),             # a viscosity and a level in place of the square of the speed
 ])
 def test_what_one_cause_misfits_is_no_second_one(number, hidden):
