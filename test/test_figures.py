@@ -5,11 +5,12 @@ import pathlib
 
 import pytest
 
+from microstage_ros.commands import tables
 from microstage_ros.commands.project import first_day
 from microstage_ros.commands.project.figures import CONTROL_PAGES, RUNS, main, state_of
 from microstage_ros.commands.tables import CODE, code_of, command_of, update_tables
 from microstage_ros.quantities.errors import InputError
-from microstage_ros.report.stamped import OPENING, UNKNOWN, digest, find_table, is_stale, mark_stale, read_tables, stamp_now, write_table
+from microstage_ros.report.stamped import OPENING, UNKNOWN, Stamp, digest, find_table, is_stale, mark_stale, read_tables, stamp_now, write_table
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 PAGES = sorted(page.relative_to(ROOT).as_posix() for page in [*(ROOT / "docs").rglob("*.md"), ROOT / "README.md"] if OPENING.search(page.read_text()))
@@ -146,3 +147,18 @@ def test_what_the_first_day_shows_comes_from_the_pages_own_sketch(tmp_path, monk
     page.write_text("no sketch")
     with pytest.raises(InputError, match="sketch.yaml"):
         first_day.measured(page)
+
+
+def test_a_table_bears_the_code_that_it_was_measured_with(tmp_path, monkeypatch):
+    """The stamp was made when the table was written: code that changed meanwhile passed for measured."""
+    page, code = tmp_path / "page.md", ["first"]
+    page.write_text("<!-- compare: one -->\n| a |\n|---|\n| 1 |\n<!-- end -->\n", encoding="utf-8")
+    monkeypatch.setattr(tables, "stamp_now", lambda root, files: Stamp("0", code[0], "2026-11-29", "here"))
+    tables.stamp_of_code.cache_clear()
+    try:
+        tables.check_documents([page])
+        code[0] = "changed"
+        tables.update_tables([page], [("one", ["a"], [["2"]], "")], "compare")
+    finally:
+        tables.stamp_of_code.cache_clear()
+    assert "code=first" in page.read_text(encoding="utf-8") and "| 2 |" in page.read_text(encoding="utf-8")

@@ -3,6 +3,7 @@
 How a table stands in a page, and when it is stale: `microstage_ros.report.stamped`.
 """
 
+import functools
 import textwrap
 from pathlib import Path
 
@@ -44,11 +45,20 @@ def body(header, rows, remark):
     return "\n".join([*lines, "", *([*textwrap.wrap(remark, 118), ""] if remark else [])])
 
 
+@functools.cache
+def stamp_of_code(code):
+    """`Stamp` with the code as it is when this is first asked: before the measurement, not after it."""
+    return stamp_now(SOURCE, code)
+
+
 def check_documents(documents):
-    """See that the files of ``--update`` are there. Raises `InputError`: one is not."""
+    """See that the files of ``--update`` are there, and which code their tables will be measured with. Raises
+    `InputError`: one is not."""
     for document in documents:
         if not Path(document).is_file():
             raise InputError("--update", document, "a file that exists")
+    for code in {code_of(table.owner, table.title) for document in documents for table in read_tables(document)}:
+        stamp_of_code(code)
 
 
 def update_tables(documents, tables, owner):
@@ -66,7 +76,7 @@ def update_tables(documents, tables, owner):
         there = {(table.owner, table.title) for table in read_tables(document)}
         for title, *table in tables:
             if (owner, title) in there:
-                write_table(document, owner, title, body(*table), stamp_now(SOURCE, code_of(owner, title)))
+                write_table(document, owner, title, body(*table), stamp_of_code(code_of(owner, title)))
 
 
 def save_markdown(path, tables):

@@ -78,7 +78,8 @@ def _outcomes(files, world, code):
 def _emps(page, earlier=()):
     from microstage_ros.diagnosis.validation.tables import emps_table
 
-    write_table(page, "figures", "emps", emps_table(), stamp_now(SOURCE, code_of("figures", "emps")))
+    stamp = stamp_now(SOURCE, code_of("figures", "emps"))
+    write_table(page, "figures", "emps", emps_table(), stamp)
 
 
 def _first_day(page, earlier=()):
