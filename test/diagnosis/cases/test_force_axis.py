@@ -79,13 +79,13 @@ def test_what_one_cause_misfits_is_no_second_one(number, hidden):
 
 
 def test_names_of_fresh_seeds():
-    """Of 255 hidden cases 250 are right first or among the rivals, in 4 of 300 a wrong name stands, none is overlooked (seed 26104).
-    Were the true rates their upper limits, 0.045, 0.034 and 0.0144, more than 5, 4 and 3 of 12 would come in less than one of 10⁴ runs."""
+    """In 2 of 262 hidden cases nothing of it is named or a rival, in 2 of 300 a wrong name stands, none is overlooked (seed 26106).
+    Were the true rates their upper limits, 0.027, 0.024 and 0.014, more than 3 of 8 would come in less than one of 10⁴ runs."""
     seed = int(np.random.default_rng().integers(10**6))
-    outcomes = [examine(Case(seed, number)) for number in range(12)]
+    outcomes = [examine(Case(seed, number)) for number in range(8)]
     hidden, text = [one for one in outcomes if one.hidden], "\n".join([f"seed {seed}", *map(str, outcomes)])
-    assert sum(not set(one.named + sum(one.rivals, ())) & set(one.hidden) for one in hidden) <= 5, text
-    assert sum(bool(set(one.named) - set(one.hidden)) for one in outcomes) <= 4, text
+    assert sum(not set(one.named + sum(one.rivals, ())) & set(one.hidden) for one in hidden) <= 3, text
+    assert sum(bool(set(one.named) - set(one.hidden)) for one in outcomes) <= 3, text
     assert sum(one.verdict == "agrees" for one in hidden) <= 3, text
 
 
