@@ -47,7 +47,8 @@ def body(header, rows, remark):
 
 @functools.cache
 def stamp_of_code(code):
-    """`Stamp` with the code as it is when this is first asked: before the measurement, not after it."""
+    """`Stamp` with the code as it is when this is first asked: before the measurement, not after it; ``code``: names,
+    shape (n,), of files and folders of microstage_ros."""
     return stamp_now(SOURCE, code)
 
 

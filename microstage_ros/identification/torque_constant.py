@@ -19,7 +19,7 @@ REMARK = ("Torques and inertias, and their intervals, are for a torque constant 
 
 
 def are_one(axis):
-    """Whether the axis file's torque constant is its back-EMF constant."""
+    """Whether the axis file's torque constant is its back-EMF constant, within `ONE` [1]: True or False."""
     return math.isclose(axis.value(CONSTANT), axis.value(EMF), rel_tol=ONE)
 
 

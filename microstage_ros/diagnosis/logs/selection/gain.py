@@ -22,13 +22,16 @@ LEAST = 1e-9               # derived: a divisor, never nothing
 
 def hold_back(stages, groups, open_sign):
     """`gain_of` once causes without rivals are left out, the worst first, that leave more of repetitions held back than
-    there was without them: what one half of the repetitions shows of such a cause, the other one does not, and it is
-    not sure. One that has rivals is not called sure."""
+    there was without them: what one half of the repetitions shows of such a cause, the other one does not. One that has
+    rivals is open in any case.
+
+    ``stages`` (list of `Stage`), ``groups``, ``open_sign`` and what is returned: as for `gain_of` (shares and χ² [1]).
+    """
     left_out: list = []
     while True:
         gain, parts, said = gain_of(stages, groups, open_sign)
-        sure = [choice.name for stage in stages for choice in stage.chosen if not choice.rivals]
-        worst = min(sure, key=lambda name: parts[name][3], default=None)
+        alone = [choice.name for stage in stages for choice in stage.chosen if not choice.rivals]
+        worst = min(alone, key=lambda name: parts[name][3], default=None)
         if worst is None or parts[worst][3] >= 0.0:
             return gain, parts, [*said, *left_out]
         for stage in stages:
