@@ -25,7 +25,7 @@ def test_what_makes_held_back_repetitions_worse_is_left_out_worst_first(monkeypa
 
     monkeypatch.setattr(gain, "gain_of", measured)
     stages = [FakeStage(["torque_ripple", "gravity_tilt"]), FakeStage(["cable_spring"])]
-    found, parts, said = gain.hold_back(stages, {}, False)
+    found, parts, said = gain.gain_of_confirmed(stages, {}, False)
     assert found == "gain" and set(parts) == {"gravity_tilt", "cable_spring"}
     assert said[0] == "said" and "torque_ripple" in said[1] and len(said) == 2
-    assert set(gain.hold_back([FakeStage(["torque_ripple"], ["screw_pitch_error"])], {}, False)[1]) == {"torque_ripple"}
+    assert set(gain.gain_of_confirmed([FakeStage(["torque_ripple"], ["screw_pitch_error"])], {}, False)[1]) == {"torque_ripple"}

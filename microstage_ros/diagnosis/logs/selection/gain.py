@@ -20,7 +20,7 @@ OF_ITSELF = ", on the one repetition that chose and sized the causes: no gain on
 LEAST = 1e-9               # derived: a divisor, never nothing
 
 
-def hold_back(stages, groups, open_sign):
+def gain_of_confirmed(stages, groups, open_sign):
     """`gain_of` once causes without rivals are left out, the worst first, that leave more of repetitions held back than
     there was without them: what one half of the repetitions shows of such a cause, the other one does not. One that has
     rivals is open in any case.

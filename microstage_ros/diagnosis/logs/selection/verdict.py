@@ -13,7 +13,7 @@ from microstage_ros.diagnosis.logs.selection.context import LogDiagnosis, health
 from microstage_ros.diagnosis.logs.selection.effects import (
     BEHIND, BEHIND_NEED, FOLLOWING, FORCED, FROM_READING, WITHOUT_EFFORT, separation,
 )
-from microstage_ros.diagnosis.logs.selection.gain import hold_back
+from microstage_ros.diagnosis.logs.selection.gain import gain_of_confirmed
 from microstage_ros.diagnosis.logs.selection.sizes import Fitted, parameters_of, widening
 from microstage_ros.diagnosis.logs.selection.stages import stages_of
 from microstage_ros.diagnosis.logs.selection.visibility import LARGEST, LEVEL
@@ -73,7 +73,7 @@ def answer(reduced, spreads, groups, context, notes, open_sign, seed):
             _misread(stages[0], stage)
         changed = changed or bool(stage.chosen) or stage.whole < decide.WHOLE
     causes, rivals, rival_sizes = [], [], []
-    gain, parts, said = hold_back(stages, groups, open_sign)
+    gain, parts, said = gain_of_confirmed(stages, groups, open_sign)
     notes += said
     for stage in stages:
         for choice in stage.chosen:
