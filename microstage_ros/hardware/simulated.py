@@ -32,6 +32,22 @@ def made_plant(machine, noise=None, effects=None, place="effects of the run"):
             raise
         file = place if named[1] is None or named[1] in (effects or {}) else machine.place
         raise InputError(f"{file}: {error.place}", error.value, error.expected) from None
+    except (TypeError, ValueError):
+        for file, given in ((place, effects or {}), (machine.place, machine.effects)):
+            _refuse_lists(machine.with_effects({}), file, given)
+        raise
+
+
+def _refuse_lists(machine, file, effects):
+    """InputError for the first of ``effects`` {id: parameters}, which come from ``file``, that has lists of numbers
+    where the `Axis` ``machine`` can take one number only."""
+    for effect, parameters in effects.items():
+        lists = {name: value for name, value in parameters.items() if isinstance(value, list)}
+        try:
+            make_plant(machine, None, {effect: parameters})
+        except (TypeError, ValueError):
+            if lists:
+                raise InputError(f"{file}: effects: {effect}", lists, "a single number for each of these") from None
 
 
 def machine_for(axis, path):

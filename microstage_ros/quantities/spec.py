@@ -15,7 +15,9 @@ from typing import Any
 from microstage_ros.quantities.errors import InputError
 
 INF = math.inf
-LEAST = 1e-300          # the smallest number that counts as positive
+LEAST, MOST = 1e-15, 1e15
+"""Smallest and largest positive number [SI] of what has no range of its own: no quantity of a machine is beyond, and
+products and quotients of several stay far from where floats end."""
 
 
 @dataclass(frozen=True)
@@ -69,6 +71,8 @@ class Spec:
             raise InputError(place, whole, f"{'a list of numbers' if self.is_list else 'a number'}, {self.expected}")
         if not self.minimum <= number <= self.maximum or not math.isfinite(number):
             raise InputError(place, value, self.expected)
+        if self.maximum == INF and abs(number) > MOST:
+            raise InputError(place, value, f"{self.expected}, and at most {MOST:g}")
         return number
 
     def scaled(self, unit: str) -> Spec:

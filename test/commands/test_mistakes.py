@@ -50,6 +50,7 @@ FILES = {
     "coilgap.yaml": lambda: config_file("axes/voice_coil.yaml").read_text(encoding="utf-8").replace(
         "effects: {}", "effects: {backlash: {width_rad: 0.005}}"),
     "size.yaml": lambda: RUN + "effects: {backlash: {width_rad: -1.0}}\n",
+    "sizes.yaml": lambda: RUN + "effects: {torque_ripple: {amplitude_Nm: [1.0e-5, 1.0e-5], cycles_per_turn: [1, 2], phase_rad: [0, 0]}, backlash: {width_rad: [0.01, 0.02]}}\n",
     "far.yaml": lambda: RUN.replace("1.0e-5", ".nan"),
     "ten.yaml": lambda: RUN.replace("1.0e-5", "10.0"),
     "wide.yaml": lambda: RUN + "  - {sine: {amplitude_m: 3.0e-2, frequency_hz: 1.0, cycles: 1}}\n",
@@ -208,6 +209,7 @@ MISTAKES = {
     "a seed of an examined watch below zero": (["watch", "--axis", "axis.yaml", "--examine", "1", "--seed", "-1"], "--seed: got -1"),
     "false alarms that are no number": (["watch", "--axis", "axis.yaml", "--false-alarms", "nan"], "--false-alarms: got nan"),
     "a gap of a drive without a transmission, in a run file": (simulate(axis="coil.yaml", run="nogap.yaml"), "nogap.yaml: effects: backlash: got"),
+    "two widths of one gap, beside a ripple of two terms": (simulate(run="sizes.yaml"), "sizes.yaml: effects: backlash: got {'width_rad': [0.01, 0.02]}"),
     "such a gap in an axis file": (simulate(axis="coilgap.yaml"), "coilgap.yaml: effects: backlash: got"),
     "such a gap in a machine file": ([*simulate(axis="coil.yaml"), "--machine", "coilgap.yaml"], "coilgap.yaml: effects: backlash: got"),
     "such a gap in a machine to compare on": (["compare", "--axis", "coil.yaml", "--machine", "coilgap.yaml", "--out", "new"], "coilgap.yaml: effects: backlash: got"),

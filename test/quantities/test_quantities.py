@@ -44,6 +44,14 @@ def test_a_whole_number_beyond_every_float_is_out_of_range(value):
             spec.check(value, "here")
 
 
+@pytest.mark.parametrize("value", [1e-300, 9.9e-16, 1.1e15, 1e300])
+def test_a_number_that_no_machine_has_is_refused(value):
+    """A resistance of 1e-300 ohm ended in a division by zero, a pitch of it in an overflow."""
+    with pytest.raises(InputError, match="here: got .*a finite number > 0 in ohm"):
+        positive("ohm", "resistance").check(value, "here")
+    assert positive("ohm", "resistance").check(1e-15, "here") == 1e-15
+
+
 def test_lists():
     weights = positive("1", "weights", is_list=True)
     assert weights.check((1, 2), "here") == [1.0, 2.0]
