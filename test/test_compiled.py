@@ -1,6 +1,7 @@
 """Compiled code on disk: processes that compile side by side, and the lock that keeps their files apart."""
 
 import fcntl
+import gc
 import os
 import subprocess
 import sys
@@ -10,7 +11,7 @@ import time
 import numpy as np
 import pytest
 
-from microstage_ros.numerics import cache_place
+from microstage_ros.numerics import cache_place, compiled
 from microstage_ros.numerics.cache_place import one_at_a_time, one_process
 from microstage_ros.numerics.random import uniform
 
@@ -57,6 +58,17 @@ def go_on(processes):
         process.stdin.write("go\n")
         process.stdin.flush()
     return [process.communicate()[0] for process in processes]
+
+
+@pytest.mark.parametrize("before", [True, False])
+def test_garbage_is_searched_for_again_once_a_compiler_has_ended(before, monkeypatch):
+    monkeypatch.setattr(gc, "isenabled", lambda: before)
+    calls = []
+    monkeypatch.setattr(gc, "disable", lambda: calls.append("off"))
+    monkeypatch.setattr(gc, "enable", lambda: calls.append("on"))
+    with pytest.raises(ZeroDivisionError), compiled._uncollected():
+        calls.append(1 / 0)
+    assert calls == ["off", "on"] if before else ["off"]
 
 
 def test_what_one_process_compiles_the_others_wait_for(tmp_path):

@@ -73,7 +73,7 @@ def test_an_experiment_takes_controller_noise_and_start_of_its_run_file(capsys):
                          "start": {"friction": "relaxed"}, "program": [{"move_to_m": 1e-5}]})
     sent = yaml.safe_load(with_run(ChosenBackend(options={"noise": {"current_A": 0.0}}), run, axis).driver_parameters["backend_options"])
     assert sent == {"noise": {"current_A": 0.0, "encoder_m": 0.0}, "position": 1e-3, "friction": "relaxed"}
-    assert make_hardware("simulated", Setup(axis, 0, sent)).truth.stage_position == 1e-3
+    assert make_hardware("simulated", Setup(axis, 0, sent)).truth.stage_position == pytest.approx(1e-3)
     law = law_of(run, axis)
     assert law["controller"] == "pid" and yaml.safe_load(law["gains"]) == {"proportional": 3.0e5}
     assert capsys.readouterr().err == ""

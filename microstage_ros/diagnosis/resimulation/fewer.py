@@ -37,7 +37,7 @@ def _with_fewer(selector, last, candidate, other, smallest):
     for model in _others(last.model, candidate, other):
         base = selector.stage(model, selector.loop.residual(model.extended))
         for shape in other.starts():
-            stage = selector.refit(selector.begun(base, other, shape))
+            stage = selector.refit(selector.initial_model(base, other, shape))
             if selector.gains(last, stage, smallest):
                 continue
             found = selector.check_backward(stage)

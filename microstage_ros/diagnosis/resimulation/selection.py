@@ -222,7 +222,8 @@ class Selector:
         for _, candidate, shape, base in screened:
             if candidate.form not in seen and len(seen) < REFITTED:
                 seen.add(candidate.form)
-                model, residual = fit(self.loop, self.begun(base, candidate, shape), self.folds.learn, base.columns)
+                begin = self.initial_model(base, candidate, shape)
+                model, residual = fit(self.loop, begin, self.folds.learn, base.columns)
                 trials.append(self.stage(model, residual, base.columns))
         return sorted(trials, key=lambda trial: trial.time)
 
@@ -237,7 +238,7 @@ class Selector:
         moved = [now.model.with_cause(candidate, (*sizes, *shape)).extended for sizes in np.diag(steps)]
         return (np.column_stack(self.loop.residuals(moved)) - now.residual[:, None]) / steps
 
-    def begun(self, base, candidate, shape):
+    def initial_model(self, base, candidate, shape):
         """The ``base`` `Stage`'s `Model` with a `Candidate` more of this ``shape``, (shapes,), where its fit begins: at
         the linear fit of its sizes, or near none of it where that leaves more. Far from its size a shape runs away."""
         near = base.model.with_cause(candidate, (*(0.2 * fitted.step for fitted in candidate.sizes), *shape))

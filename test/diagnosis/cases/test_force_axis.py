@@ -7,7 +7,8 @@ from microstage_ros.control.runs.run_file import Run, run_from_dict
 from microstage_ros.control.runs.simulate import simulate
 from microstage_ros.diagnosis.report.extended import extended_axis
 from microstage_ros.diagnosis.resimulation.diagnose import diagnose_force_axis
-from microstage_ros.diagnosis.resimulation.examination import Case, Outcome, examine, motion, report
+from microstage_ros.diagnosis.resimulation.examination import Case, Outcome, examine, report
+from microstage_ros.diagnosis.resimulation.examined_axes import motion
 from microstage_ros.model.axis_file import load_axis
 from microstage_ros.records import Record
 from test.diagnosis.emps import ROOT, emps_record, there_and_back
