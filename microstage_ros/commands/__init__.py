@@ -23,6 +23,7 @@ LISTED = {
         "topic": "list topics, show their messages, measure their rates",
         "replay": "play a bag back onto its topics",
         "recover": "make a bag whole again that was cut off or damaged",
+        "cut": "a part of a record, or all of it, as a record of its own: a bag as a table, too",
     },
     "analysis": {
         "simulate": "one run of the model, no ROS",

@@ -49,6 +49,11 @@ def duration(text):
     return _positive(_read(text, TIMES, "a time", "200ms, 10s or 10 (seconds)"), text, "a time above 0 such as 200ms")
 
 
+def moment(text):
+    """A time of a record [s]: ``0``, ``12.5``, ``2min``."""
+    return _read(text, TIMES, "a time", "200ms, 10s or 10 (seconds)")
+
+
 def speed(text):
     """A speed above zero [m/s]: ``5e-4``, ``0.5mm/s``."""
     return _positive(_read(text, SPEEDS, "a speed", "0.5mm/s or 5e-4 (m/s)"), text, "a speed above 0 such as 0.5mm/s")

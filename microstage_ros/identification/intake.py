@@ -91,6 +91,7 @@ def _bridge(record, name):
     values = record[name]
     start, length = longest_gap(values)
     if length > LONGEST_GAP:
-        raise InputError(f"{record.source}: column {name}, row {start + 1}", f"{length} samples missing in a row",
-                         f"gaps of {LONGEST_GAP} samples at most; cut the record there")
+        raise InputError(f"{record.source}: column {name}, row {start + 1} ({record['t_s'][start]:.6g} s)",
+                         f"{length} samples missing in a row",
+                         f"gaps of {LONGEST_GAP} samples at most; microstage cut writes what lies before and after")
     return bridged(values)

@@ -81,6 +81,8 @@ KNOWN_COLUMNS = {**RECORD_COLUMNS, **COMMAND_COLUMNS, **FINE_COLUMNS, **SIMULATE
 
 SUFFIXES = (".csv", ".csv.gz", ".csv.xz")
 """Of files of text."""
+ENDINGS = (".mcap", *SUFFIXES)
+"""Of records that a command writes."""
 
 REQUIRED = ("t_s", "encoder_m", "reference_m")
 COMMANDS = COLUMNS

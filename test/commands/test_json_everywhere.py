@@ -54,7 +54,7 @@ def test_an_option_that_there_is_not(capsys, here, name):
 
 @pytest.mark.parametrize("words", [
     ["simulate", "--axis", "axs.yaml", "--run", "run.yaml", "--out", "o.csv"], ["identify", "--axis", AXIS, "no.csv", "--out", "o.yaml"],
-    ["diagnose", "--axis", AXIS, "no.csv", "--out", "o"], ["log", "no.csv", "--out", "o"], ["replay", "no"], ["recover", "no.mcap"],
+    ["diagnose", "--axis", AXIS, "no.csv", "--out", "o"], ["log", "no.csv", "--out", "o"], ["replay", "no"], ["recover", "no.mcap"], ["cut", "no.mcap", "--out", "o.csv"],
     ["tune", "--axis", "no.yaml", "--out", "o.yaml"], ["cell", "--axis", "no.yaml"], ["demo", "--axis", "no.yaml"],
     ["experiment", "--run", "no.yaml", "--out", "o"], ["watch", "--axis", AXIS, "no.csv"]], ids=lambda words: words[0])
 def test_a_file_that_is_not_there(capsys, here, words):

@@ -15,7 +15,7 @@ FIELDS = {
     "stop": {"success", "message", "answered_s"}, "hold": {"success", "message", "answered_s"},
     "reset": {"success", "message", "answered_s"}, "home": {"success", "message", "answered_s"},
     "topic list": {"topics"}, "topic echo": {"topic", "messages"}, "topic hz": {"topic", "messages", "rate_Hz"},
-    "replay": {"messages", "topics"},
+    "replay": {"messages", "topics"}, "cut": {"record", "rows", "period_s", "columns", "first_s", "last_s"},
     "completion": {"options"},
 }
 """{command: fields of its answer}."""

@@ -14,8 +14,7 @@ from microstage_ros.hardware.simulated import machine_for
 from microstage_ros.model.coarse_fine import CoarseFine, load_machine
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.records import write_record
-
-ENDINGS = (".mcap", ".csv", ".csv.gz", ".csv.xz")
+from microstage_ros.records.columns import ENDINGS
 
 
 def main(argv=None):
