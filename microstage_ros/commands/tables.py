@@ -21,7 +21,9 @@ DIAGNOSIS = (
     *(f"diagnosis/validation/{part}.py" for part in (
         "campaign", "fault_injection", "second_world", "simulated_records", "ways")),
     "model", "solver")
-FORCE_BALANCE = ("diagnosis/resimulation", "solver", "control/laws")
+FORCE_BALANCE = (*(f"diagnosis/resimulation/{name}.py" for name in (
+    "candidates", "closed_loop", "diagnose", "fewer", "fit", "folds", "pictures", "rests", "selection")),
+    "solver", "control/laws")
 FIRST_DAY = ("commissioning", "identification", "control", "model", "solver")
 CODE = {("figures", "emps"): FORCE_BALANCE, ("figures", "first-day"): FIRST_DAY, "figures": DIAGNOSIS,
         "compare": CONTROL, "robustness": CONTROL}

@@ -14,6 +14,7 @@ from scipy.optimize import minimize_scalar
 
 from microstage_ros.control.laws.controller import make_controller
 from microstage_ros.control.runs.closed_loop import TRACE, run_loop
+from microstage_ros.diagnosis.resimulation.rests import rows_that_tell
 from microstage_ros.model.actuators import actuator_of
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.solver.plant import NoiseSpec, make_plant, new_readings, new_state, new_work
@@ -29,7 +30,7 @@ ENCODER, VOLTAGE = TRACE.index("encoder_m"), TRACE.index("voltage_V")
 @dataclass(frozen=True)
 class Measured:
     """What a re-simulation needs of one record: arrays of shape (n,), SI; ``law`` is the rms of the command
-    that the controller of the axis file does not explain [N]."""
+    that the controller of the axis file does not explain [N], ``tells`` the mask of `rests.rows_that_tell`."""
 
     source: str
     time: np.ndarray
@@ -40,6 +41,7 @@ class Measured:
     position_at_start: float
     speed_at_start: float
     law: float
+    tells: np.ndarray
 
     def __len__(self):
         return len(self.time)
@@ -81,6 +83,7 @@ def measured(record, axis):
         start,
         speed,
         gain * law,
+        rows_that_tell(record["reference_m"], axis, _controller(axis)),
     )
 
 
@@ -166,6 +169,7 @@ class ClosedLoop:
         self._pool = concurrent.futures.ThreadPoolExecutor(jobs) if jobs > 1 else None
         self.force = np.concatenate([part.force for part in parts])
         self.position = np.concatenate([part.position for part in parts])
+        self.tells = np.concatenate([part.tells for part in parts])
 
     def home(self, axis, every=False):
         """Find anew, in each record, where the turn of the screw begins; `shifts` [m] is changed.
@@ -214,7 +218,7 @@ class ClosedLoop:
             self._trace(axis, part, seed=k + 1)[:, VOLTAGE] - self._trace(axis, part)[:, VOLTAGE]
             for k, part in enumerate(self.parts)
         ]
-        return actuator_of(axis).judged(axis)[0] * float(np.sqrt(np.mean(np.concatenate(made) ** 2)))
+        return actuator_of(axis).judged(axis)[0] * float(np.sqrt(np.mean(np.concatenate(made)[self.tells] ** 2)))
 
     @staticmethod
     def _trace(axis, part, seed=None):

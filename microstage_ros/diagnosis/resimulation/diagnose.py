@@ -70,8 +70,8 @@ def diagnose_force_axis(axis, records, holdout=(), baseline=(), seed=0, progress
 def _on_baseline(axis, baseline):
     """The axis with its own numbers fitted to records of it while nothing was wrong, and what is left there [N]."""
     loop = ClosedLoop([measured(record, axis) for record in baseline])
-    model, residual = fit(loop, Model.of(axis), np.ones(len(loop.force), bool))
-    return model.extended, float(np.sqrt(np.mean(residual**2)))
+    model, residual = fit(loop, Model.of(axis), loop.tells)
+    return model.extended, float(np.sqrt(np.mean(residual[loop.tells] ** 2)))
 
 
 def _answer(axis, parts, folds, loop, selection, floor, records, holdout, seed):

@@ -26,6 +26,7 @@ from microstage_ros.diagnosis.resimulation.examined_axes import DRIVES, drawn_ax
 from microstage_ros.diagnosis.selection.calibration import calibrate, write_calibration
 from microstage_ros.metrology.rates import rate
 from microstage_ros.records import Record
+from microstage_ros.records.columns import SIMULATED_COLUMNS
 
 KINDS, SHARES = ("one", "two", "healthy"), (0.6, 0.25, 0.15)    # what is hidden, and in how many of the cases
 MOST_REPEATS = 4               # of a motion
@@ -70,7 +71,8 @@ def examine(case):
     def record(machine, name, repeats):
         run = Run(noise=noise, program=drive.program(generator, axis, repeats))
         columns = simulate(machine, run, seed=int(generator.integers(2**31)))
-        return Record(axis.value("period"), {key: columns[key] for key in drive.seen or columns}, name)
+        seen = drive.seen or [key for key in columns if key not in SIMULATED_COLUMNS]
+        return Record(axis.value("period"), {key: columns[key] for key in seen}, name)
 
     repeats = [int(generator.integers(1, MOST_REPEATS + 1)) for _ in range(3)]
     records = [record(hidden, "learned", repeats[0])]

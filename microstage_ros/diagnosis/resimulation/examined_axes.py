@@ -27,7 +27,8 @@ class Drive(NamedTuple):
     file : axis file in ``config``. own : numbers of it that are drawn, within a ``factor`` [1] of what it gives.
     program : ``program(generator, axis, repeats)`` → program of a run file.
     sizes : ``sizes(axis, generator)`` → {id: parameters} of all effects that may be hidden.
-    noise : ``noise(generator)`` → noise of a run file. seen : columns that the diagnosis is given, empty for all.
+    noise : ``noise(generator)`` → noise of a run file.
+    seen : columns that the diagnosis is given; all that are measured where it is empty.
     """
 
     file: str

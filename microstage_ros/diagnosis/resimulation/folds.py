@@ -11,6 +11,7 @@ import numpy as np
 from scipy import signal
 
 from microstage_ros.diagnosis.resimulation.fit import solve
+from microstage_ros.diagnosis.resimulation.rests import TELLING
 
 PARTS = 6                      # parts left out in turn
 HELD_BACK = 0.3                # share of the time held back where no record is given for it
@@ -67,26 +68,34 @@ def make_folds(parts, held):
     """`Folds` for measured parts (list of `Measured`); ``held``: list of bool, a record is held out.
 
     Where no record is held out, the last `HELD_BACK` of every record is; of a motion without repetition every
-    third of `STRETCHES`, since its end is like nothing before it.
+    third of `STRETCHES`, since its end is like nothing before it. Rows that tell nothing (`rests`) are in neither.
     """
     learns, phases, period = [], [], 0
-    for part, out in zip(parts, held):
+    for part, held_out in zip(parts, held):
         rows = len(part)
-        mask = np.zeros(rows, bool) if out else np.ones(rows, bool)
+        mask = np.zeros(rows, bool) if held_out else np.ones(rows, bool)
         own = repetition(part.reference)
         if not any(held):
             mask &= ~held_back(rows, own)
         period = max(period, own)
         learns.append(mask)
         phases.append(np.arange(rows) % own / own if own else np.full(rows, np.nan))
-    learn, phase = np.concatenate(learns), np.concatenate(phases)
+    tells = np.concatenate([part.tells for part in parts])
+    whole, phase = np.concatenate(learns), np.concatenate(phases)
+    learn, out = _telling(whole, tells), _telling(~whole, tells)
     order = np.cumsum(learn) - 1
     bounds = order * PARTS // max(int(learn.sum()), 1)
     time = [learn & (bounds == k) for k in range(PARTS)]
     motion = []
     if period and np.isfinite(phase[learn]).all():
         motion = [learn & (np.floor(phase * PARTS) == k) for k in range(PARTS)]
-    return Folds(learn, ~learn, time, motion, period)
+    return Folds(learn, out, time, motion, period)
+
+
+def _telling(rows, tells):
+    """The ``rows`` (n,) that tell something, or all of them where hardly any does."""
+    both = rows & tells
+    return both if both.sum() >= TELLING * rows.sum() else rows
 
 
 def held_back(rows, period_rows):
@@ -139,7 +148,8 @@ def noise_floor(parts, residual):
         if len(alike) >= ENOUGH_ALIKE * sum(len(part) - rows for part, rows in repeated):
             return float(np.sqrt(np.mean(alike**2) / 2.0))
     sections = signal.butter(4, 2.0 * FAST, "highpass", output="sos")
-    fast = signal.sosfiltfilt(sections, residual) / np.sqrt(1.0 - 2.0 * FAST)
+    tells = np.concatenate([part.tells for part in parts])
+    fast = signal.sosfiltfilt(sections, residual)[tells] / np.sqrt(1.0 - 2.0 * FAST)
     return float(np.sqrt(max(np.mean([part.law**2 for part in parts]), np.mean(fast**2))))
 
 
@@ -153,4 +163,5 @@ def _between_repetitions(part, period_rows):
     since = np.convolve(unlike, np.ones(reach + 1), "full")[: len(unlike)]
     alike = since < 0.5
     alike[: len(change) // 50] = False      # the start of the record
+    alike &= part.tells[period_rows:] & part.tells[:-period_rows]
     return change[alike]

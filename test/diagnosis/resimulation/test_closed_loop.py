@@ -75,7 +75,7 @@ def _part(axis, reference, position, speed):
     loop = simulated(axis, reference)
     record = Record(1e-3, {**loop.columns, "reference_m": reference}, "made")
     part = measured(record, axis)
-    return type(part)("made", part.time, reference, made, part.force, np.zeros(rows), position, speed, 0.0)
+    return type(part)("made", part.time, reference, made, part.force, np.zeros(rows), position, speed, 0.0, np.ones(rows, bool))
 
 
 def test_a_record_of_the_model_itself_leaves_nothing(axis):
@@ -135,7 +135,7 @@ def test_published_emps_parameters_leave_what_others_report(axis):
     residual = ClosedLoop([part]).residual(axis)
     assert 2.3 < np.sqrt(np.mean(residual**2)) < 2.7
     at_rest = type(part)(part.source, part.time, part.reference, part.position, part.force, part.disturbance,
-                         part.position_at_start, 0.0, part.law)
+                         part.position_at_start, 0.0, part.law, part.tells)
     jolted = ClosedLoop([at_rest]).residual(axis)
     assert 0.050 < np.linalg.norm(jolted) / np.linalg.norm(part.force) < 0.058
 
