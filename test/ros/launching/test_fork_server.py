@@ -192,6 +192,7 @@ def test_close_ends_within_its_grace_when_the_server_hangs(domain, tmp_path, mon
 def test_a_child_that_ignores_the_stop_is_killed(monkeypatch):
     """The server's own part, without nodes: SIGINT first, SIGKILL when the grace is over."""
     monkeypatch.setattr(fork_server, "GRACE", 0.3)
+    another = subprocess.Popen(["true"])      # no child of the server's: a test before may leave one
     deaf = subprocess.Popen([sys.executable, "-c", "import signal, time; signal.signal(2, signal.SIG_IGN); print('deaf', flush=True)\n"
                              "while True: time.sleep(1)"], stdout=subprocess.PIPE)
     assert deaf.stdout.readline()
@@ -207,7 +208,7 @@ def test_a_child_that_ignores_the_stop_is_killed(monkeypatch):
         server._go_on(wakened, lambda node: None)
     finally:
         signal.signal(signal.SIGCHLD, previous)
-        deaf.returncode = 0
+        deaf.returncode = another.returncode = 0
         deaf.stdout.close()
         for end in (its, *wakened):
             end.close()
