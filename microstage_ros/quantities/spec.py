@@ -69,6 +69,8 @@ class Spec:
         number = as_number(value)
         if number is None:
             raise InputError(place, whole, f"{'a list of numbers' if self.is_list else 'a number'}, {self.expected}")
+        if self.minimum == LEAST and 0.0 < number < LEAST:
+            raise InputError(place, value, f"{self.expected}, and at least {LEAST:g}")
         if not self.minimum <= number <= self.maximum or not math.isfinite(number):
             raise InputError(place, value, self.expected)
         if self.maximum == INF and abs(number) > MOST:

@@ -129,6 +129,7 @@ def _of_position(*own):
 
 def _of_voice_coil(axis, generator):
     coulomb, mass = axis.value("contacts.guideway.coulomb"), axis.value("stage.mass")
+    # a tilt that friction holds, and a cable that over 5 mm of stroke pulls as much as friction
     tilt = math.asin(_signed(generator, 0.3, 0.8) * coulomb / mass / GRAVITY)
     asymmetry, viscous = _signed(generator, 0.1, 0.4), _signed(generator, 0.1, 0.4)
     return _of_position("force_constant_droop")(axis, generator) | {

@@ -9,12 +9,12 @@ import numpy as np
 
 from microstage_ros.model.actuators import actuator_of
 
-AFTER_REST = 0.04
+AFTER_REST = 0.04       # examined by: `test/diagnosis/resimulation/test_rests.py`
 """s after a rest until its command is forgotten; derived: of three healthy voice coils the residual is at its noise
 again from the second or third block of 20 ms on."""
-TELLING = 0.1        # share of a record that has to tell something, or all of it is used
-HELD_OFF = 1e-6      # m that a law is held off its target to see whether it winds up
-EARLY, LATE = 20, 40    # rows after which its command is compared; the difference quotients have settled by then
+TELLING = 0.1        # share of a record that has to tell something, or all of it is used; derived: a fit of some sizes
+HELD_OFF = 1e-6      # m that a law is held off its target to see whether it winds up; derived: a linear law has any
+EARLY, LATE = 20, 40    # rows after which its command is compared; derived: difference quotients have settled by then
 
 
 def rows_that_tell(reference, axis, controller):
@@ -43,6 +43,6 @@ def _is_held(axis):
 
 
 def _winds_up(controller):
-    """Whether the law's command grows while the stage stands beside a target that does not move."""
+    """Whether the law's command grows, beyond rounding, while the stage stands beside a target that does not move."""
     commands = [controller.step(HELD_OFF, 0.0) for _ in range(LATE + 1)]
     return abs(commands[LATE] - commands[EARLY]) > 1e-3 * abs(commands[EARLY])

@@ -144,7 +144,7 @@ class ForkServer:
             pid, status = os.waitpid(-1, os.WNOHANG | os.WUNTRACED | os.WCONTINUED)
             if pid == 0:
                 return True
-            if pid not in self._names:      # of whoever was this process before it became a server
+            if pid not in self._names:      # a child that this process had before it became a server
                 continue
             if os.WIFSTOPPED(status) or os.WIFCONTINUED(status):
                 self._send(name=self._names[pid], stopped=os.WIFSTOPPED(status))

@@ -70,7 +70,7 @@ def test_the_speed_takes_of_the_voltage_what_is_said(axis, drive):
 
 
 @pytest.mark.parametrize(("law", "period", "time", "off", "before"), [
-    ("self_tuning_observer", 1e-4, 5e-4, 0.02, 0.97), ("self_tuning_observer", 2.5e-4, 1.2e-3, 0.01, 0.5),
+    ("self_tuning_observer", 1e-4, 5e-4, 0.01, 0.97), ("self_tuning_observer", 2.5e-4, 1.2e-3, 0.01, 0.5),
     ("self_tuning_observer", 1e-3, 1.2e-3, 0.05, 0.9), ("self_tuning", 1e-4, 5e-4, 0.01, 0.995),
     ("self_tuning", 2.5e-4, 1.2e-3, 0.01, 0.9), ("self_tuning", 1e-3, 1.2e-3, 0.05, 0.6)])
 def test_a_lag_that_is_put_in_has_its_size(axis, drive, law, period, time, off, before):

@@ -61,6 +61,14 @@ def test_a_gain_and_a_payload_are_rivals_beside_another_cause(axis):
     assert any({"amplifier_gain", "payload_change"} <= set(one.ids) for one in answer.rivals)
 
 
+def test_an_asymmetry_is_no_constant_force_and_ripple():
+    """A constant force was taken for an asymmetry, and what it misfits of friction along the stroke was named a ripple (seed 26103)."""
+    outcome = examine(Case(26103, 111))
+    hidden = {"direction_asymmetry", "position_dependent_friction"}
+    assert set(outcome.hidden) == hidden and set(outcome.named) <= hidden
+    assert set(outcome.named + sum(outcome.rivals, ())) >= hidden
+
+
 def test_names_of_fresh_seeds():
     """In 2 of 262 hidden cases nothing of it is named or a rival, in 2 of 300 a wrong name stands, none is overlooked (seed 26106).
     Were the true rates their upper limits, 0.027, 0.024 and 0.014, more than 3 of 6 would come in less than one of 10⁴ runs."""
