@@ -20,7 +20,7 @@ from microstage_ros.diagnosis.prerequisites.growth import power_forms
 from microstage_ros.diagnosis.prerequisites.law import OwnLaw, own_law
 from microstage_ros.diagnosis.prerequisites.lateness import forms_of_slowness
 from microstage_ros.diagnosis.prerequisites.lost_motion import shows_no_gap
-from microstage_ros.diagnosis.prerequisites.periods import periodic_forms
+from microstage_ros.diagnosis.prerequisites.periods import periodic_forms, within_travel
 from microstage_ros.diagnosis.prerequisites.prerequisites import find_known, slow_beside
 from microstage_ros.diagnosis.prerequisites.resonant import damped_forms
 from microstage_ros.diagnosis.prerequisites.slow_drift import Course, find_course, take_out
@@ -78,8 +78,10 @@ def diagnose_case(axis, records, holdout=(), baseline=(), seed=0, twin=()):
     InputError : for records that cannot be used.
     """
     records, holdout, notes = _hold_back(list(records), list(holdout))
-    drive = seen_interpolation(drive_of(axis), list(baseline), records)
-    groups = {"learn": records, "held": holdout, "base": list(baseline)}
+    baseline, still = _that_moves(list(baseline), records, drive_of(axis).signal_period)
+    notes += still
+    drive = seen_interpolation(drive_of(axis), baseline, records)
+    groups = {"learn": records, "held": holdout, "base": baseline}
     if not baseline:
         notes.append("No baseline was given: thresholds come from the model's own figures.")
     prepared, known = find_known(groups, drive)
@@ -165,7 +167,7 @@ def _choose(groups, prepared, drive, known, offset=0.0):
     effects = [effect for effect in EFFECTS if effect not in found]
     own = [*periodic_forms(collection), *damped_forms(collection, known.train), *power_forms(collection),
            *forms_of_slowness(groups, drive, known, collection), *([inertia_form()] if known.gap is not None else [])]
-    evidences = collection.evidences([*(form for form in FORMS if form.channel != "command"), *own])
+    evidences = collection.evidences(within_travel([*(f for f in FORMS if f.channel != "command"), *own], collection))
     choices, _ = select(evidences, effects)
     course = find_course(collection, evidences, choices)
     if course is not None:
@@ -181,14 +183,14 @@ def _final(collection, choices):
     own = [form for choice in choices for form in choice.forms]
     keys = {(channel, key) for channel, table in SYSTEMATIC.items() for key in table}
     more = [form for form in FORMS if (form.channel, form.key) in keys and form.key not in {f.key for f in own}]
-    final = collection.evidences([*own, *more, *GENERIC])
+    final = collection.evidences(within_travel([*own, *more, *GENERIC], collection))
     kept = [c for c in choices if judge.best_or_same(final, c, [o for o in choices if o is not c]).held > 0.0]
     return final, kept
 
 
 def _answer(collection, evidences, choices, rivals, nonregression, holdout, notes, seed):
     book = judge.ledger_of(evidences, choices)
-    found = judge.findings_of(evidences, choices, GENERIC)
+    found = judge.findings_of(evidences, choices, within_travel(GENERIC, collection))
     units = _units(collection)
     causes, unsure, open_in = [], [], []
     for choice in choices:
@@ -312,6 +314,20 @@ def _units(collection):
         else:
             units[name] = (float(np.mean([c.scatter if name == "position" else c.noise for c in channels])), "m")
     return units
+
+
+def _that_moves(baseline, records, least):
+    """(Records of the ``baseline`` that move, notes): what rests says nothing of friction and drive. One that travels
+    less than ``least`` [m] is left out, unless none of the ``records`` to learn from travels further."""
+    def travel(record):
+        return float(np.nanmax(record["encoder_m"]) - np.nanmin(record["encoder_m"]))
+
+    if max(map(travel, records)) < least:
+        return baseline, []
+    rests = [record for record in baseline if travel(record) < least]
+    notes = [f"Left out of the baseline: {record.source} moves by {1e6 * travel(record):.2g} µm only, and says"
+             " nothing of friction in motion." for record in rests]
+    return [record for record in baseline if travel(record) >= least], notes
 
 
 def _hold_back(records, holdout):

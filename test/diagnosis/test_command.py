@@ -24,7 +24,7 @@ def test_a_delay_explains_a_step_of_the_voltage_like_everything_else(step):
     rng = np.random.default_rng(3)
     command = 0.05 * np.cumsum(rng.normal(size=20_000)) % 1.0 + step * (np.arange(20_000) > 9_000)
     prepared = types.SimpleNamespace(commanded=command, answered=command, speed=np.zeros(20_000), period=PERIOD, settled=None,
-                                     speed_share=np.zeros(1))
+                                     unread=np.zeros(len(command), bool), speed_share=np.zeros(1))
     prepared.settled = (delayed(command, DELAY, PERIOD * DRIVE.resistance / DRIVE.inductance)
                         + 1e-3 * rng.normal(size=20_000)) / DRIVE.resistance
     channel = Command(prepared, DRIVE)
@@ -41,7 +41,8 @@ def test_a_gain_that_shows_through_the_motors_speed_is_no_delay():
     command = np.cumsum(0.05 * rng.normal(size=20_000)) % 1.0
     share = np.array([0.05, 0.1, 0.2, 0.3, 0.2, 0.1, 0.05])
     smooth = np.convolve(command, share, mode="same")
-    prepared = types.SimpleNamespace(commanded=command, answered=command, period=PERIOD, speed_share=share, speed=-0.07 * smooth / DRIVE.back_emf,
+    prepared = types.SimpleNamespace(commanded=command, answered=command, period=PERIOD, unread=np.zeros(len(command), bool),
+                                     speed_share=share, speed=-0.07 * smooth / DRIVE.back_emf,
                                      settled=(1.07 * command + 1e-4 * rng.normal(size=20_000)) / DRIVE.resistance)
     channel = Command(prepared, DRIVE)
     form = delay_form(0.1)
@@ -56,7 +57,8 @@ def test_what_the_speed_takes_is_the_same_before_and_after_the_amplifier(amplifi
     rng = np.random.default_rng(5)
     command, prompt = (np.cumsum(0.05 * rng.normal(size=3_000)) for _ in range(2))
     share = np.sin(np.linspace(0.0, np.pi, 31)) ** 2 / 20.0
-    prepared = types.SimpleNamespace(commanded=command, answered=command, period=PERIOD, speed_share=share, speed=np.zeros(3_000),
+    prepared = types.SimpleNamespace(commanded=command, answered=command, period=PERIOD, unread=np.zeros(len(command), bool),
+                                     speed_share=share, speed=np.zeros(3_000),
                                      settled=command / DRIVE.resistance)
     channel = Command(prepared, DRIVE)
     for voltage in (command, prompt):          # what was computed of the former is not kept

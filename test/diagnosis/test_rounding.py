@@ -50,6 +50,7 @@ class Rests:
     def __post_init__(self):
         self.time = np.arange(len(self.encoder)) * self.period
         self.stage_speed = np.gradient(self.stage_position, self.period)
+        self.stage = self.interferometer
 
 
 @pytest.mark.parametrize("amplitude, frequency", [(28e-9, 83.0), (58e-9, 16.7)])

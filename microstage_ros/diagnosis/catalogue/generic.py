@@ -31,6 +31,10 @@ def viscous_in_time(channel, frame):
 SPEEDS = np.array([0.0, 5e-6, 2e-5, 1e-4, 3e-4, 1e-3, 2e-3, 4e-3])  # m/s
 
 
+# m/s; derived: four standard deviations of a mean over 2 ms of a motion known to 2 nm, 2 nm √2 / 2 ms
+DIRECTION_SPEED = 5.6e-6
+
+
 def _hats(values):
     """Piecewise-linear functions of |values| on SPEEDS in the logarithm, shape (rows, len(SPEEDS))."""
     scale = np.log1p(np.abs(values) / 1e-5)
@@ -38,8 +42,12 @@ def _hats(values):
 
 
 def odd_in_speed(channel, frame):
-    """Any resistance that turns round with the speed: shape (rows, len(SPEEDS)), each up to 1."""
-    return (np.sign(channel.speed) * (1.0 - channel.stuck))[:, None] * _hats(channel.speed)
+    """Any resistance that turns round with the speed: shape (rows, len(SPEEDS)), each up to 1.
+
+    None at rest: the speed is noise there, which has turned the replayed friction, too, and so is in the residual.
+    """
+    direction = np.clip(channel.speed / DIRECTION_SPEED, -1.0, 1.0) * (np.abs(channel.speed) > 0.5 * DIRECTION_SPEED)
+    return (direction * (1.0 - channel.stuck))[:, None] * _hats(channel.speed)
 
 
 def even_in_speed(channel, frame):

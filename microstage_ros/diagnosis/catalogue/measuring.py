@@ -22,7 +22,7 @@ SMOOTHING = 1.0                                     # s, of the air and temperat
 def encoder_sde(period, harmonics=2):
     """So many ``harmonics`` [1] of the signal ``period`` [m]; β = −(s₁, c₁, s₂, c₂ …) of the encoder's error."""
     def columns(channel, frame):
-        read_at = channel.prepared.stage_position + channel.prepared.shake
+        read_at = channel.place + channel.prepared.shake
         angle = 2.0 * np.pi * read_at / period
         return -channel.mean(
             np.stack([f(n * angle) for n in range(1, harmonics + 1) for f in (np.sin, np.cos)], axis=1)

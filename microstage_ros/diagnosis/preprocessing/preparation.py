@@ -45,6 +45,8 @@ LEAST_COUNT = 1.0e-11
 ALL_COUNTS, WHOLE = 0.99, 0.02
 # samples lost one after the other; derived: four come once in 10⁵ rows where a twentieth is lost
 LOST_IN_A_ROW = 3
+# over unread currents; derived: the reading after one settles from it to a share a = 0.02 of its error, a² the second
+PASSES = 2
 # m, of the motor's position beside `TRAVEL_NOISE`; calibrated by: validation.variation --group noise (half and double:
 # the same answers)
 MOTOR_NOISE = 2.0e-9
@@ -64,7 +66,7 @@ class Prepared:
     ``actuator`` and ``guideway`` the nominal frictions without viscosity [N m at the motor, N], ``stuck`` the
     share of the actuator's blocks that stick;
     ``lost`` marks samples that were missing, ``repeated`` those in which encoder and current
-    stand as one row before (none without a current);
+    stand as one row before (none without a current); ``unread`` those whose current is none of their own;
     ``stage``: the position reading nearest to the truth, the interferometer (less a slow course of its own) if there is
     one, else the encoder;
     ``speed_share``: how much of an error of ``answered`` is in K_E (N/r) ``speed``, `speed_share`;
@@ -97,6 +99,7 @@ class Prepared:
     guideway: np.ndarray
     lost: np.ndarray
     repeated: np.ndarray
+    unread: np.ndarray
     off: np.ndarray
     has_current: bool
     air: dict
@@ -152,10 +155,12 @@ def prepare(record, drive, amplifier=None, lines=(), gap=0.0, course=None, pull=
     if course is not None and "interferometer_m" in columns:
         stage = stage - course
     if "current_A" in columns:
-        current = _without_lost(columns["current_A"], repeated)
+        unread = ~np.isfinite(record["current_A"]) | _lost_rows(repeated)
+        current = _as_driven(columns["current_A"], unread, answered, drive, period)
         settled = settled_current(current, drive.current_transient(period))
         angle = motor_travel(answered, settled, drive, period)
     else:
+        unread = np.ones(n, bool)
         angle = triangle(stage, NO_CURRENT)
         speed = np.gradient(angle, period)
         current = settled = (answered - drive.back_emf / drive.lever * speed) / drive.resistance
@@ -205,6 +210,7 @@ def prepare(record, drive, amplifier=None, lines=(), gap=0.0, course=None, pull=
         guideway=guideway,
         lost=lost,
         repeated=repeated,
+        unread=unread,
         off=off,
         has_current="current_A" in columns,
         air=air,
@@ -280,18 +286,36 @@ def count_of(reading):
     return float(steps.min()) if np.mean(np.abs(multiple - np.round(multiple)) < WHOLE) > ALL_COUNTS else 0.0
 
 
-def _without_lost(current, repeated):
-    """The current (n,) [A] with samples that were lost on the line between their neighbours.
-
-    A lost one stands for that of the period before: ``repeated`` (n,) with the encoder's. Where more than
-    `LOST_IN_A_ROW` are alike nothing was lost: the axis rests.
-    """
+def _lost_rows(repeated):
+    """Which rows stand for that of the period before, (n,): of ``repeated`` (n,) the runs of `LOST_IN_A_ROW` at most.
+    Where more are alike nothing was lost: the axis rests."""
     starts, stops = np.flatnonzero(np.diff(np.concatenate([[False], repeated, [False]]).astype(int))).reshape(-1, 2).T
-    short = stops - starts <= LOST_IN_A_ROW
-    lost = np.zeros(len(current), bool)
-    for start, stop in zip(starts[short], stops[short]):
-        lost[start:stop] = True
-    return bridged(np.where(lost, np.nan, current))
+    lost = repeated.copy()
+    for start, stop in zip(starts, stops):
+        lost[start:stop] = stop - start <= LOST_IN_A_ROW
+    return lost
+
+
+def _as_driven(current, unread, answered, drive, period):
+    """The current (n,) [A], its unread samples as the voltage drives them: u − R i_s on the line between neighbours.
+
+    The back-EMF K_E ω = u − R i_s is smooth from one period to the next. The current is not: it answers each period's
+    voltage. On a line between its own neighbours it is off by what the law commands from row to row, and where a
+    twentieth is lost the motor's angle walks three to eight times as far as by the amplifier's noise.
+
+    Parameters
+    ----------
+    unread : (n,) rows without a reading of their own. answered : voltage that each current answers (n,) [V].
+    drive : `Drive`. period : of the rows [s].
+    """
+    rows, share = np.flatnonzero(unread[1:]) + 1, drive.current_transient(period)
+    current = current.copy()
+    for _ in range(PASSES):
+        back_emf = answered - drive.resistance * settled_current(current, share)
+        settled = (answered - bridged(np.where(unread, np.nan, back_emf))) / drive.resistance
+        for n in rows:
+            current[n] = share * current[n - 1] + (1.0 - share) * settled[n]
+    return current
 
 
 def _filled(values, place):

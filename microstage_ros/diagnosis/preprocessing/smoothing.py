@@ -6,6 +6,8 @@ QUARTILES = 1.349       # interquartile range of a Gaussian of unit variance; de
 MEDIAN_SIZE = 0.6745    # median of its sizes; derived: Φ⁻¹(3/4)
 # variance of a third difference of white noise, over the noise's; derived: 1² + 3² + 3² + 1²
 THIRD_DIFFERENCE = 20.0
+# m/s; calibrated by: validation.variation --group lines (half and double: the same answers)
+REST_SPEED = 2.0e-5
 LEAST_READING = 1.0e-10     # m; derived: a hundredth of the 10 nm of a reading's noise, where a record has none
 
 

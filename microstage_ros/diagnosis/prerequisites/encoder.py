@@ -10,8 +10,7 @@ import dataclasses
 
 import numpy as np
 
-from microstage_ros.diagnosis.preprocessing.smoothing import triangle
-from microstage_ros.diagnosis.prerequisites.lines import REST_SPEED
+from microstage_ros.diagnosis.preprocessing.smoothing import REST_SPEED, triangle
 from microstage_ros.diagnosis.prerequisites.periods import SLOW
 
 # periods; derived: 10 nm of noise leave 0.05 µm/s of the slope's, far below `REST_SPEED`
@@ -49,7 +48,7 @@ def _waves(drive, baseline):
     usable = [r for r in baseline if "interferometer_m" in r and "encoder_m" in r]
     if not (any(drive.interpolation) and usable):
         return None
-    matrix, vector = np.zeros((2 * harmonics, 2 * harmonics)), np.zeros(2 * harmonics)
+    matrix, vector, travel = np.zeros((2 * harmonics, 2 * harmonics)), np.zeros(2 * harmonics), 0.0
     for record in usable:
         encoder, stage = (
             np.nan_to_num(record[name], nan=float(np.nanmean(record[name])))
@@ -60,11 +59,12 @@ def _waves(drive, baseline):
         waves = [f(n * phase) for n in range(1, harmonics + 1) for f in (np.sin, np.cos)]
         speed = np.abs(np.gradient(triangle(stage, SMOOTH), record.period_s))
         used = np.flatnonzero(speed > REST_SPEED)
+        travel = max(travel, np.ptp(stage))
         x = np.stack([(w - triangle(w, SLOW))[used] for w in waves], axis=1)
         matrix += x.T @ x
         vector += x.T @ (error - triangle(error, SLOW))[used]
-    # derived: of the sixteen digits ten are left; the addend is for a matrix of zeros
-    if np.linalg.cond(matrix + 1e-12 * np.eye(len(matrix))) > 1e6:
+    # derived: of the sixteen digits ten are left; of a matrix of zeros none
+    if travel < drive.signal_period or not np.linalg.cond(matrix) < 1e6:
         return None       # they hardly moved
     return np.linalg.solve(matrix, vector)
 

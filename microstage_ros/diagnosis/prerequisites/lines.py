@@ -12,14 +12,12 @@ from scipy.ndimage import binary_opening, uniform_filter1d
 from scipy.optimize import minimize_scalar
 from scipy.stats import gamma
 
-from microstage_ros.diagnosis.preprocessing.smoothing import MEDIAN_SIZE
+from microstage_ros.diagnosis.preprocessing.smoothing import MEDIAN_SIZE, REST_SPEED
 from microstage_ros.diagnosis.preprocessing.whitening import predicted, whiten_walk
 from microstage_ros.diagnosis.residuals.resonance import BLOCK
 from microstage_ros.diagnosis.residuals.transmission_deflection import LEAST_NOISE
 from microstage_ros.model.plant_record import LINES
 
-# m/s; calibrated by: validation.variation --group lines (half and double: the same answers)
-REST_SPEED = 2.0e-5
 # usual sizes of a whitened residual; derived: noise comes so far once in 5·10⁸ rows
 CLIPPED = 6.0
 # Hz; calibrated by: validation.variation --group lines (half and double: the same answers)

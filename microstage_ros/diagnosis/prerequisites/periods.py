@@ -14,8 +14,7 @@ from scipy.stats import gamma
 from microstage_ros.diagnosis.catalogue import drive as ripples
 from microstage_ros.diagnosis.catalogue import friction, measuring
 from microstage_ros.diagnosis.catalogue.form import Form
-from microstage_ros.diagnosis.preprocessing.smoothing import triangle
-from microstage_ros.diagnosis.prerequisites.lines import REST_SPEED
+from microstage_ros.diagnosis.preprocessing.smoothing import REST_SPEED, triangle
 from microstage_ros.diagnosis.residuals.evidence import gather
 from microstage_ros.model.plant_record import RIPPLES
 
@@ -40,6 +39,7 @@ SLOW = 2001
 # m: speed, and with it the whitening's gain, changes from move to move, so one line has sides this close;
 # calibrated by: validation.variation --group stretch --world second (half and double: the same answers)
 STRETCH = 1.0e-3
+ALONG_STROKE = ("encoder_sde", "scale_error", "generic:position")      # errors of the encoder by place
 # in one direction of one record, to be looked at; derived: a wave as large as the noise has a power of n/4 = 50 of so
 # many, twice what `CHANCE` leaves of 10⁴ frequencies, −ln 10⁻¹⁰
 LEAST_VALUES = 200
@@ -89,6 +89,8 @@ def periods(ways, shortest, longest):
     length = 2 ** int(np.ceil(np.log2(4.0 * reach / cell)))
     frequency = np.fft.rfftfreq(length, cell)
     inside = (frequency > 1.0 / longest) & (frequency < 1.0 / shortest)
+    if not inside.any():    # a travel of less than three of the shortest periods
+        return []
     independent = max(int(inside.sum()) * reach / (length * cell), 1.0)
     least = gamma.isf(CHANCE / independent, len(ways))
     middle = gamma.median(len(ways))
@@ -110,6 +112,22 @@ def periods(ways, shortest, longest):
 def both_ways(position, values, speed):
     """The two `Way`s of one record; ``position`` [m], ``values`` and ``speed`` [m/s] each of shape (n,)."""
     return [Way(position[moving], values[moving]) for moving in (speed > REST_SPEED, speed < -REST_SPEED)]
+
+
+def within_travel(forms, collection):
+    """Those of ``forms`` that the records can show: an error of the encoder whose period is longer than the longest
+    travel of a learning or a held-out record is any smooth curve; in less than a signal period every error along the
+    stroke is, and the place holds of the reading's own noise what shows in the residual.
+    """
+    travel = min(max(np.ptp(p.stage_position) for p in collection.prepared[name]) for name in ("learn", "held"))
+    signal_period = collection.frame.drive.signal_period
+
+    def least(form):
+        if form.channel != "position" or form.effect not in ALONG_STROKE:
+            return 0.0
+        return max(float(form.variant or 0.0), signal_period)
+
+    return [form for form in forms if least(form) <= travel]
 
 
 def periodic_forms(collection):

@@ -12,8 +12,7 @@ import math
 
 import numpy as np
 
-from microstage_ros.diagnosis.preprocessing.smoothing import THIRD_DIFFERENCE
-from microstage_ros.diagnosis.prerequisites.lines import REST_SPEED
+from microstage_ros.diagnosis.preprocessing.smoothing import REST_SPEED, THIRD_DIFFERENCE
 
 # parts of half a count, by which rounding differs; derived: its third differences go from nothing to 2.4 times their
 # mean as the step goes from a whole to half a count, 0.3 of it a part

@@ -13,7 +13,7 @@ is as wide as the error of v allows.
 
 Noise: the amplifier's, white. A row further off than `FURTHEST` weighs as much as one that is so far off; its weight
 holds for the residual and the forms alike. With the residual alone cut off, a delay would explain only a third of a
-step at which the drive is switched off.
+step at which the drive is switched off. A row whose current was not read has no weight.
 """
 
 import numpy as np
@@ -46,7 +46,8 @@ class Command:
         # derived: half of the noise of the shipped axis's amplifier; a record with less has none
         self.noise = max(spread_of(fast), 0.5e-3)
         off = np.abs(fast) / self.noise
-        self._weight = FURTHEST / np.maximum(off, FURTHEST)    # (n,)
+        # (n,); a current that was not read was made of this very command
+        self._weight = np.where(p.unread, 0.0, FURTHEST / np.maximum(off, FURTHEST))
         self._shown = {}
 
     def in_speed(self, voltage):

@@ -79,6 +79,16 @@ class Evidence:
         return float(2.0 * b @ beta - beta @ self.matrix[np.ix_(index, index)] @ beta)
 
 
+def free_of_nuisance(channel, matrix, **noise):
+    """White columns of ``matrix`` (rows, k) without the part that the channel's ``nuisance()`` columns explain, and an
+    orthonormal basis (rows, j) of these, white; ``noise``: as `whiten` of the channel has it."""
+    nuisance = channel.nuisance() if hasattr(channel, "nuisance") else np.zeros((len(matrix), 0))
+    white = channel.whiten(np.concatenate([matrix, nuisance], axis=1), **noise)[0]
+    basis = np.linalg.qr(white[:, matrix.shape[1]:])[0]
+    white = white[:, :matrix.shape[1]]
+    return white - basis @ (basis.T @ white), basis
+
+
 def gather(channel, forms, frame, systematic=None, **noise):
     """`Evidence` of one channel of one record.
 
@@ -86,22 +96,15 @@ def gather(channel, forms, frame, systematic=None, **noise):
     size]} adds, per record, an error of the model itself in the direction of that form's columns, with that standard
     deviation of its sizes: what a healthy axis shows although the noise would not allow it.
     """
-    nuisance = channel.nuisance() if hasattr(channel, "nuisance") else None
     pieces, where, at = [channel.residual[:, None]], {}, 1
     for form in forms:
         columns = form.columns(channel, frame)
         where[form.key] = slice(at, at + columns.shape[1])
         at += columns.shape[1]
         pieces.append(columns)
-    count = 0 if nuisance is None else nuisance.shape[1]
-    if count:
-        pieces.append(nuisance)
-    white, _ = channel.whiten(np.concatenate(pieces, axis=1), **noise)
-    if count:
-        q, _ = np.linalg.qr(white[:, at:])
-        white = white[:, :at] - q @ (q.T @ white[:, :at])
+    white, nuisance = free_of_nuisance(channel, np.concatenate(pieces, axis=1), **noise)
     priors = {form.key: form.prior for form in forms if form.prior}
-    return _with_systematic(Evidence(white.T @ white, where, len(white) - count, priors), systematic or {})
+    return _with_systematic(Evidence(white.T @ white, where, len(white) - nuisance.shape[1], priors), systematic or {})
 
 
 def _with_systematic(evidence, systematic):

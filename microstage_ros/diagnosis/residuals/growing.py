@@ -7,7 +7,7 @@ their effect on the learning records. Each costs a replay of the record, so none
 import numpy as np
 import scipy.linalg
 
-from microstage_ros.diagnosis.residuals.evidence import Evidence
+from microstage_ros.diagnosis.residuals.evidence import Evidence, free_of_nuisance
 
 
 class Growing(Evidence):
@@ -118,16 +118,10 @@ class _Record:
 
     def __init__(self, channel, own, spreads, frame, noise):
         self._channel, self._frame, self._noise = channel, frame, noise
-        nuisance = channel.nuisance() if hasattr(channel, "nuisance") else None
         pieces = [channel.residual[:, None], *(form.columns(channel, frame) for form in own)]
         self._error_of = np.repeat([form.effect for form in own], [piece.shape[1] for piece in pieces[1:]])
-        count = 0 if nuisance is None else nuisance.shape[1]
-        if count:
-            pieces.append(nuisance)
-        white = channel.whiten(np.concatenate(pieces, axis=1), **noise)[0]
-        self._nuisance = np.linalg.qr(white[:, white.shape[1] - count:])[0] if count else None
-        white = self._free(white[:, :white.shape[1] - count])
-        self.rows = len(white) - count
+        white, self._nuisance = free_of_nuisance(channel, np.concatenate(pieces, axis=1), **noise)
+        self.rows = len(white) - self._nuisance.shape[1]
         self._errors, self._spreads = np.ascontiguousarray(white[:, 1:]), spreads
         self._solved = {}
         residual = white[:, :1]
@@ -135,7 +129,7 @@ class _Record:
         self.matrix = residual.T @ self._spared_residual
 
     def _free(self, white):
-        return white if self._nuisance is None else white - self._nuisance @ (self._nuisance.T @ white)
+        return white - self._nuisance @ (self._nuisance.T @ white)
 
     def _spared(self, white, effects=frozenset()):
         """The columns b − S (S'S + 1/spread²)⁻¹ S'b, but for the errors in the shape of some ``effects``."""

@@ -32,6 +32,8 @@ STUCK_TIME, STUCK_TRAVEL = 0.5, 3.0e-6
 # m: until then the record's unknown first friction state counts; calibrated by: validation.variation --group settling
 # (half and double: the same answers)
 SETTLING_TRAVEL = 8.0e-6
+# m between the furthest places, within which what is left of that state is one torque; derived: octaves of four
+FIRST_SPANS = (SETTLING_TRAVEL / 64.0, SETTLING_TRAVEL / 16.0, SETTLING_TRAVEL / 4.0, SETTLING_TRAVEL)
 # m of travel in a block, below which the stage is not said to move; calibrated by: validation.variation --group white
 # (half and double: the same answers)
 LEAST_STEP = 5.0e-9
@@ -57,10 +59,10 @@ class Mechanical:
     the stage, SI), ``place`` (the stage's own position [m], by which friction varies),
     ``friction`` (nominal actuator friction without viscosity), ``guideway`` and ``inertial`` (force of the
     stage's mass) [N m at the shaft],
-    ``stuck``, ``travel`` (path length so far), ``torque`` (k_M i − J dω/dt), ``own`` (what the healthy axis's friction
-    is beyond the model's, zero until it is taken out), ``random`` (standard deviation of the friction that varies along
-    the stroke, over `Spreads`' [1]; one until `healthy.rescale_random_friction`). ``kept`` {name:
-    array}: what several candidates need.
+    ``stuck``, ``span`` (distance between the furthest places so far [m]), ``torque`` (k_M i − J dω/dt), ``own`` (what
+    the healthy axis's friction is beyond the model's, zero until it is taken out), ``random`` (standard deviation of
+    the friction that varies along the stroke, over `Spreads`' [1]; one until `healthy.rescale_random_friction`).
+    ``kept`` {name: array}: what several candidates need.
     """
 
     name, unit = "torque", "N m"
@@ -83,7 +85,8 @@ class Mechanical:
         self.own = np.zeros(len(self.residual))
         step = np.abs(np.diff(self.position, prepend=self.position[0]))
         self.step = np.where(step > LEAST_STEP, step, 0.0)
-        self.travel = np.cumsum(self.step)
+        # a state that is not known is forgotten by going away from it, not by going to and fro about it
+        self.span = np.maximum.accumulate(self.position) - np.minimum.accumulate(self.position)
         self.white = self._white()
 
     def take_out(self, torque):
@@ -93,15 +96,22 @@ class Mechanical:
         self.white = self._white()
 
     def nuisance(self):
-        """Behind a gap: a column (blocks, 1) [N m per period] by which the stage's force comes late, else None.
+        """Columns (blocks, k) that are free: what the contacts held at the record's first row, and lateness.
 
-        At every hit it turns by some ten times the friction; half a period of it is a matter of stamps, and would be
-        friction.
+        What of that is not forgotten yet stands still while the stage goes to and fro where it has been: a torque
+        [1] for each of `FIRST_SPANS`. Behind a gap the stage's force comes late [N m per period]: at every hit it turns
+        by some ten times the friction; half a period of it is a matter of stamps, and would be friction.
         """
-        if self.prepared.closed is None:
-            return None
         drive, p = self.drive, self.prepared
-        return self.mean(drive.lever * drive.mass * np.gradient(np.gradient(p.stage_speed)) / p.period)[:, None]
+        level = np.digitize(self.span, FIRST_SPANS)
+        held = [np.where(level == k, self.first(), 0.0) for k in np.unique(level)]
+        if p.closed is not None:
+            held.append(self.mean(drive.lever * drive.mass * np.gradient(np.gradient(p.stage_speed)) / p.period))
+        return np.column_stack(held)
+
+    def first(self):
+        """Share of the contacts' first state that is not forgotten (blocks,) [1]."""
+        return np.exp(-np.maximum(self.span / SETTLING_TRAVEL - 2.0, 0.0) * 3.0)
 
     def mean(self, values, coarse=1):
         """Block means of a torque, ``values`` (n,) or (n, k), with one row per ``coarse`` periods, as `Prepared.load`
@@ -139,8 +149,7 @@ class Mechanical:
         )
         # derived: a divisor, never nothing: (1 µN m)²
         white = np.maximum(local**2, smooth) + (1.0e-6) ** 2
-        first = np.exp(-np.maximum(self.travel / SETTLING_TRAVEL - 2.0, 0.0) * 3.0)
-        return white + (static / math.sqrt(3.0) * first) ** 2      # anywhere between the limits
+        return white + (static / math.sqrt(3.0) * self.first()) ** 2      # anywhere between the limits
 
     def whiten(self, matrix, spreads=None):
         """Unit-variance innovations of ``matrix`` (blocks, k), and Σ ln S; ``spreads``: `Spreads`, those of the axis

@@ -8,9 +8,10 @@ the record shows and from the encoder's noise: only noise makes a mean of counts
 import math
 
 import numpy as np
+from scipy.ndimage import maximum_filter1d
 
 from microstage_ros.diagnosis.catalogue.form import splines
-from microstage_ros.diagnosis.preprocessing.smoothing import reading_noise
+from microstage_ros.diagnosis.preprocessing.smoothing import REST_SPEED, reading_noise, triangle
 from microstage_ros.diagnosis.preprocessing.whitening import whiten_states
 
 BLOCK = 5   # periods; derived: half a millisecond, as `resonance.BLOCK`, at 10 kHz
@@ -23,6 +24,11 @@ RENEWAL = 0.8
 RENEWAL_TIME = 10.0
 LEAST_RENEWAL = 2.0e-8    # m; derived: RENEWAL · 25 nm
 ORDERS = 200        # of the series; derived: the rest is 0.0015 of the sum's root even without noise
+# m; derived: a third of the standard deviation of an interferometer's reading of 1 nm over a block
+LEAST_WAVE = 1.5e-10
+MOST_ORDERS = 4     # derived: with a noise of a quarter of a count the second has a thousandth of the first
+# periods; derived: 10 nm of noise leave 0.6 nm, of which a count of 25 nm is forty times as much
+SMOOTH = 201
 # s between the knots of a record's own course of drift; calibrated by: validation.variation --group course (half and
 # double: the same answers)
 PIECE = 2.5
@@ -54,8 +60,28 @@ def rounding_left(count, noise):
     )
 
 
+def rounding_orders(count, noise):
+    """Orders k [1] of what rounding leaves (`rounding_left`) whose amplitude q/(π k) e^(−2π²k²σ²/q²) is `LEAST_WAVE` at
+    least, (n,); ``count`` q [m], ``noise`` σ [m]."""
+    if not count > 0.0:
+        return np.zeros(0, int)
+    order = np.arange(1, MOST_ORDERS + 1)
+    return order[count / (math.pi * order) * np.exp(-2.0 * (math.pi * order * noise / count) ** 2) > LEAST_WAVE]
+
+
+def _quiet_place(prepared):
+    """Where the stage is, shape (n,) [m]: `Prepared.stage_position`, and a mean over `SMOOTH` periods where it rests.
+
+    The reading's own noise is in the residual, too. A resting stage that is known no better than to some nanometres
+    would explain it: by an error of the encoder with a short period, or of its scale.
+    """
+    slow = triangle(prepared.stage, SMOOTH)
+    speed = maximum_filter1d(np.abs(np.gradient(slow, prepared.period)), 2 * SMOOTH + 1, mode="nearest")
+    return np.where(speed < REST_SPEED, slow, prepared.stage_position)
+
+
 class Position:
-    """Residual of one record; attributes as in `residuals.mechanical.Mechanical`."""
+    """Residual of one record; attributes as in `residuals.mechanical.Mechanical`, and ``place`` (n,) [m]."""
 
     name, unit = "position", "m"
 
@@ -63,14 +89,16 @@ class Position:
         self.prepared, self.drive = prepared, drive
         self.drifts = False     # set where the record takes a course of its own, see `slow_drift`
         self.growth = 0.0       # variance of a reading over its squared speed [s²], where it is late at random
+        self.place = _quiet_place(prepared)
         self.time, self.position, self.speed = (self.mean(v) for v in (
-            prepared.time, prepared.stage_position, prepared.stage_speed))
+            prepared.time, self.place, prepared.stage_speed))
         difference = prepared.interferometer - prepared.encoder
         self.residual = self.mean(difference)
         self.residual -= np.median(self.residual)
         self.scatter = reading_noise(difference) / np.sqrt(BLOCK)
-        count = prepared.count or drive.encoder_resolution
+        self.count = count = prepared.count or drive.encoder_resolution
         self.rounding = max(UNSURE * rounding_left(count, drive.encoder_noise), LEAST_ROUNDING)
+        self.orders = rounding_orders(count, drive.encoder_noise)
         self.renewal = max(RENEWAL * count, LEAST_RENEWAL)
 
     def mean(self, values):
@@ -79,8 +107,21 @@ class Position:
         return values[:rows].reshape(-1, BLOCK, *values.shape[1:]).mean(axis=1)
 
     def nuisance(self):
-        """Homing offset, one constant per record, or the record's own course, which holds it."""
-        return course_columns(self.time) if self.drifts else np.ones((len(self.residual), 1))
+        """Columns (blocks, k) [1] that are free: the homing offset, one constant per record, or the record's own
+        course, which holds it; and the rounding, which is a function of the place: sin and cos of 2πk x/q, as far as
+        noise leaves any of it (`rounding_left`).
+
+        A stage that comes back to the same few places finds the same error there each time. Within less than a signal
+        period nobody knows the phase of the interpolation error that the axis file states, as after another homing it
+        is another: its harmonics are free, too.
+        """
+        course = course_columns(self.time) if self.drifts else np.ones((len(self.residual), 1))
+        p, drive = self.prepared, self.drive
+        turns = [2.0 * np.pi * k * self.place / self.count for k in self.orders]
+        if np.ptp(p.stage_position) < drive.signal_period:
+            turns += [2.0 * np.pi * n * self.place / drive.signal_period
+                      for n, size in enumerate(drive.interpolation, 1) if size]
+        return np.column_stack([course, *(self.mean(wave(turn)) for turn in turns for wave in (np.sin, np.cos))])
 
     def whiten(self, matrix):
         """Unit-variance innovations of ``matrix`` (blocks, k), and Σ ln S."""

@@ -2,14 +2,24 @@
 
     residual = x − H(s) (r/N) θ + G(s) F_g        [m], means over half a millisecond, slower parts removed
     H = (D_c s + K_c)/(m s² + D_c s + K_c),  G = 1/(m s² + D_c s + K_c)
+
+The motor's θ is the back-EMF's, which holds the amplifier's noise. Where the motor hardly moves, θ is that noise alone,
+and a drive that passes on less of it fits better: a soft one. So blocks in which H (r/N) θ is no larger than noise
+makes it have no weight.
 """
+
+import functools
+import math
 
 import numpy as np
 from scipy.ndimage import median_filter, uniform_filter1d
 
-from microstage_ros.diagnosis.preprocessing.preparation import stage_filter
+from microstage_ros.diagnosis.preprocessing.motion import smooth_motion
+from microstage_ros.diagnosis.preprocessing.preparation import SHARE_ROWS, TRAVEL_NOISE, stage_filter
 from microstage_ros.diagnosis.preprocessing.smoothing import MEDIAN_SIZE, reading_noise
+from microstage_ros.diagnosis.residuals.transmission_deflection import LEAST_NOISE
 from microstage_ros.numerics.compiled import compiled
+from microstage_ros.signals.travel import motor_travel
 
 # s; at least a period; calibrated by: validation.variation --group swing (half and double: the same answers)
 BLOCK = 5.0e-4
@@ -22,6 +32,9 @@ NEAR = round(WINDOW / BLOCK)   # blocks over which the local size is taken; deri
 LOCAL = 101
 # local size of a whitened residual that noise alone reaches; derived: five standard deviations above that of `NEAR`
 CALM = 1.0 + 5.0 / (2.0 * NEAR) ** 0.5
+# times the power that the amplifier's noise makes in θ; derived: at ten a fit is short by a tenth of what θ passes on,
+# and an amplifier of three times the stated noise alone does not reach it
+MOVES = 10.0
 
 
 class Resonance:
@@ -75,7 +88,11 @@ class Resonance:
         # derived: noise comes so far once in 16 000 rows
         clipped = np.minimum(np.abs(white), 4.0 * np.maximum(local, 1.0))
         power = uniform_filter1d(clipped**2, NEAR, mode="nearest")
-        return 1.0 / np.maximum(np.sqrt(power) / CALM, 1.0)
+        moving = uniform_filter1d(self._fast(self._nominal) ** 2, NEAR, mode="nearest")
+        # derived: a step's rounding is uniform, step/√12
+        noise = max(math.hypot(self.drive.amplifier_noise, self.drive.converter_step / math.sqrt(12.0)), LEAST_NOISE)
+        least = MOVES * (noise * _feigned(self.drive, self.prepared.period, self.block, self._window)) ** 2
+        return np.where(moving > least, 1.0 / np.maximum(np.sqrt(power) / CALM, 1.0), 0.0)
 
     def _fast(self, values):
         """Without the running mean along the first axis."""
@@ -84,6 +101,18 @@ class Resonance:
     def whiten(self, matrix):
         """Unit-variance columns of ``matrix`` (blocks, k), and 0."""
         return self._fast(matrix) / self.noise * self.weight[:, None], 0.0
+
+
+@functools.lru_cache(maxsize=64)    # derived: memory alone, no result depends on it
+def _feigned(drive, period, block, window):
+    """Standard deviation of the fast part of H (r/N) θ, in means over ``block`` periods without those over ``window``
+    blocks, by a white noise of 1 V of the amplifier [m/V]; ``period`` [s]."""
+    voltage, still = np.zeros(SHARE_ROWS), np.zeros(SHARE_ROWS)
+    voltage[SHARE_ROWS // 2] = 1.0
+    travel = smooth_motion(motor_travel(voltage, still, drive, period), still, drive, period, TRAVEL_NOISE).position
+    b, a = stage_filter(drive, period)
+    means = uniform_filter1d(_passed_on(travel, still, b, np.zeros(3), a, 1), block)
+    return float(np.sqrt(np.sum((means - uniform_filter1d(means, block * window)) ** 2)))
 
 
 @compiled

@@ -11,7 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import f as fisher
 
-from microstage_ros.diagnosis.prerequisites.lines import REST_SPEED
+from microstage_ros.diagnosis.preprocessing.smoothing import REST_SPEED
+from microstage_ros.diagnosis.residuals.evidence import free_of_nuisance
 from microstage_ros.diagnosis.residuals.evidence_set import LEAST_FREEDOM, LOUDNESS_STRETCH, Evidences
 from microstage_ros.diagnosis.result import Finding
 
@@ -199,7 +200,7 @@ def _pieces(one, collection, channel, forms, beta):
     columns = [form.columns(one, collection.frame) for form in forms]
     left = one.residual - (np.concatenate(columns, axis=1) @ beta if columns else 0.0)
     noise = {"spreads": collection.spreads} if channel == "torque" else {}
-    z = one.whiten(left[:, None], **noise)[0][:, 0]
+    z = free_of_nuisance(one, left[:, None], **noise)[0][:, 0]
     time = one.time if hasattr(one, "time") else one.prepared.time
     count = max(int(PIECE / float(time[1] - time[0])), 1)
     whole = len(z) // count * count

@@ -1,7 +1,7 @@
-"""`diagnose` on records as a user makes them: the shipped axis under one of its laws, on three short programmes.
+"""`diagnose` on records as a user makes them: the shipped axis under one of its laws, on short programmes.
 
     ./microstage shell python test/diagnosis/cases/plain_programmes.py [--law TYPE] [--programme NAME ...] [--effect NAME ...]
-        [--kind single|two|healthy] [--cases N] [--seed N] [--period S]
+        [--kind single|two|healthy] [--no-baseline] [--cases N] [--seed N] [--period S]
 
 One line per case: two records with the hidden effects to learn from, one to judge on, one healthy as the baseline, as
 `simulate` makes them. "right": all that is hidden is named, and nothing else; "rival": all of it is among the names and
@@ -42,6 +42,14 @@ def sine(amplitude, frequency, cycles):
 PROGRAMMES = {
     "plain": [move(1e-5, 0.5), sine(1e-5, 1.0, 4), move(1e-3, 0.5), sine(3e-4, 0.5, 3), move(-1e-4, 1.0)],
     "moves": [move(x, 0.4) for x in (1e-6, 1e-5, -1e-5, 1e-4, 0.0, 1e-3, 5e-4, -5e-4, 2e-5, 0.0, 1e-3, 0.0)],
+    "rest": [move(0.0, 10.0)],
+    "tenths": [move(x, 1.0) for x in 4 * (1e-7, 0.0)],
+    "micrometres": [move(x, 1.0) for x in 4 * (2e-6, 0.0)],
+    "there and back": [move(x, 2.0) for x in 2 * (1e-3, 0.0)],
+    "half a stroke": [move(x, 0.7) for x in 6 * (5e-4, 0.0)],
+    "small sine": [sine(1e-7, 0.2, 2)],
+    "slow sine": [sine(1e-4, 0.1, 1)],
+    "wide sine": [sine(1e-3, 0.1, 1)],
     "sines": [sine(5e-6, 2.0, 6), sine(1e-4, 1.0, 4), move(2e-3, 0.5), sine(1e-3, 0.5, 3), move(0.0, 1.0)],
 }
 
@@ -106,6 +114,7 @@ def main():
     parser.add_argument("--programme", nargs="+", choices=PROGRAMMES, default=list(PROGRAMMES))
     parser.add_argument("--effect", nargs="+", default=[])
     parser.add_argument("--kind", choices=("single", "two", "healthy"), default="single")
+    parser.add_argument("--no-baseline", action="store_true", help="diagnose without a record of the healthy axis")
     parser.add_argument("--cases", type=int)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--period", type=float, default=1e-4, help="control period [s]")
@@ -120,7 +129,7 @@ def main():
             if effects is None:
                 continue
             learn, held, base = records(axis, options.law, programme, effects, 10 * (options.seed + number), options.period)
-            answer = diagnose_records(axis, learn, held, base, seed=0)
+            answer = diagnose_records(axis, learn, held, [] if options.no_baseline else base, seed=0)
             word = judged(answer, set(names))
             off = errors_of(answer, effects)
             count[word], errors = count[word] + 1, errors + off

@@ -67,7 +67,7 @@ def test_an_encoder_is_read_where_the_floor_shakes_it_to():
     shake = 8.0e-8 * np.sin(2.0 * np.pi * FREQUENCY * STEP * np.arange(ROWS))
     place = np.linspace(0.0, 1.0e-4, ROWS)
     of = lambda place, shake: encoder_sde(2.0e-6)(types.SimpleNamespace(
-        prepared=types.SimpleNamespace(stage_position=place, shake=shake), mean=lambda values: values), None)
+        prepared=types.SimpleNamespace(shake=shake), place=place, mean=lambda values: values), None)
     np.testing.assert_allclose(of(place, shake), of(place + shake, 0.0), atol=1.0e-12)
 
 
