@@ -69,7 +69,7 @@ def rounding_orders(count, noise):
     return order[count / (math.pi * order) * np.exp(-2.0 * (math.pi * order * noise / count) ** 2) > LEAST_WAVE]
 
 
-def _quiet_place(prepared):
+def _place_of(prepared):
     """Where the stage is, shape (n,) [m]: `Prepared.stage_position`, and a mean over `SMOOTH` periods where it rests.
 
     The reading's own noise is in the residual, too. A resting stage that is known no better than to some nanometres
@@ -89,7 +89,7 @@ class Position:
         self.prepared, self.drive = prepared, drive
         self.drifts = False     # set where the record takes a course of its own, see `slow_drift`
         self.growth = 0.0       # variance of a reading over its squared speed [s²], where it is late at random
-        self.place = _quiet_place(prepared)
+        self.place = _place_of(prepared)
         self.time, self.position, self.speed = (self.mean(v) for v in (
             prepared.time, self.place, prepared.stage_speed))
         difference = prepared.interferometer - prepared.encoder
