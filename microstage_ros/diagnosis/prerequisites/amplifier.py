@@ -45,6 +45,9 @@ TAUGHT_SHARE = 0.2
 # of what it can hold in the baseline's records that they may show of it; derived: 2 s − 1 of a baseline that has the
 # share s = 0.65 of its time
 IN_BASELINE = 0.3
+# of the command of one period before, that it may seem to have where no baseline tells; calibrated by:
+# `test/diagnosis/cases/plain_programmes.py` (−0.025 to −0.042 under the shipped law)
+UNSEEN_WEIGHT = 0.04
 LONGEST = 64             # periods; derived: the power of two above the 60 that `TransportDelay` may have
 # periods; derived: half way between two of the catalogue's forms, and half as far again
 DELAY_REACH = 0.75
@@ -138,7 +141,8 @@ def find_slowness(prepared, drive, more=None):
     best = {effect: max((t for t in trials if t[1].effect == effect), key=lambda t: t[0], default=None)
             for effect in ("transport_delay", "actuator_lag")}
     feigned = _feigned_weight(fast)
-    refined = [_refine(learn, trial, period, winding, feigned)
+    doubt = abs(feigned) if fast.channels["base"] else UNSEEN_WEIGHT
+    refined = [_refine(learn, trial, period, winding, feigned, doubt)
                for trial in best.values() if trial and trial[0] > LEAST_GAIN]
     refined = sorted((r for r in refined if r is not None), key=lambda r: -r[0])
     if not refined or refined[0][2] < LEAST_TIME * period:
@@ -225,17 +229,18 @@ def _feigned_weight(fast):
     return 0.0 if base is None else float(base.fit([form.key])[0][0])
 
 
-def _corrected(time, winding, feigned):
+def _corrected(time, winding, feigned, doubt=None):
     """A delay [periods] and its standard error [periods], by the weight of the command of one period before.
 
-    Of ``feigned`` [1] that weight holds something between none and all, as a law may feed back the current in some
-    parts of a record only: half of it is taken off, and is an error beside `DELAY_ERROR`. Just beyond a whole period
-    the weight hardly grows with the delay, just short of one it does all the more; so the delay's error is the larger
-    distance to the delays of two errors of the weight, as of an even distribution. ``winding``: T/τ [1].
+    Of ``feigned`` [1], or without a baseline of ``doubt`` [1] with either sign, that weight holds something between
+    none and all, as a law may feed back the current in some parts of a record only: half of it is taken off, and is an
+    error beside `DELAY_ERROR`. Just beyond a whole period the weight hardly grows with the delay, just short of one it
+    does all the more; so the delay's error is the larger distance to the delays of two errors of the weight, as of an
+    even distribution. ``winding``: T/τ [1].
     """
     whole = int(time)
     weight = whole + weight_of_old(time - whole, winding) - 0.5 * feigned
-    error = 2.0 * np.hypot(0.5 * feigned, DELAY_ERROR)
+    error = 2.0 * np.hypot(0.5 * (feigned if doubt is None else doubt), DELAY_ERROR)
     least, found, most = (np.floor(end) + part_of(end - np.floor(end), winding)
                           for end in (weight - error, weight, weight + error))
     return float(found), float(max(most - found, found - least) / np.sqrt(3.0))
@@ -319,9 +324,9 @@ def _loss(learn, effect, period, winding):
     return of_delay if effect == "transport_delay" else of_lag
 
 
-def _refine(learn, trial, period, winding, feigned=0.0):
-    """(χ², effect, time, stderr) at the time where β = 1 explains most; ``winding`` = L/R [s]; ``feigned`` as in
-    `_corrected`."""
+def _refine(learn, trial, period, winding, feigned=0.0, doubt=None):
+    """(χ², effect, time, stderr) at the time where β = 1 explains most; ``winding`` = L/R [s]; ``feigned`` and
+    ``doubt`` as in `_corrected`."""
     _, form, beta = trial
     start = float(form.variant) * (period if form.effect == "transport_delay" else 1.0)
     loss = _loss(learn, form.effect, period, winding)
@@ -343,6 +348,6 @@ def _refine(learn, trial, period, winding, feigned=0.0):
     stderr = float(np.sqrt(2.0 / bend)) if bend > 0 else step
     form_error = float(np.hypot(LAG_ERROR * time, LAG_STEP * period))
     if on_grid:
-        periods, form_error = _corrected(time / period, period / winding, feigned)
+        periods, form_error = _corrected(time / period, period / winding, feigned, doubt)
         time, form_error = periods * period, period * max(DELAY_ERROR, form_error)
     return -float(found.fun), form.effect, time, float(np.hypot(stderr, form_error))

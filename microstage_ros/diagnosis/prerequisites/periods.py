@@ -16,6 +16,7 @@ from microstage_ros.diagnosis.catalogue import friction, measuring
 from microstage_ros.diagnosis.catalogue.form import Form
 from microstage_ros.diagnosis.preprocessing.smoothing import REST_SPEED, triangle
 from microstage_ros.diagnosis.residuals.evidence import gather
+from microstage_ros.diagnosis.residuals.mechanical import SETTLING_TRAVEL
 from microstage_ros.model.plant_record import RIPPLES
 
 CHANCE = 1.0e-6   # that the strongest of all lines is none; derived: as `selection.LEVEL`, over all lines at once
@@ -39,7 +40,9 @@ SLOW = 2001
 # m: speed, and with it the whitening's gain, changes from move to move, so one line has sides this close;
 # calibrated by: validation.variation --group stretch --world second (half and double: the same answers)
 STRETCH = 1.0e-3
-ALONG_STROKE = ("encoder_sde", "scale_error", "generic:position")      # errors of the encoder by place
+OF_ENCODER = ("encoder_sde", "scale_error", "generic:position")      # errors by place
+ALONG_STROKE = ("cable_spring", "direction_asymmetry", "position_dependent_friction", "screw_pitch_error",
+                "torque_ripple")
 # in one direction of one record, to be looked at; derived: a wave as large as the noise has a power of n/4 = 50 of so
 # many, twice what `CHANCE` leaves of 10⁴ frequencies, −ln 10⁻¹⁰
 LEAST_VALUES = 200
@@ -115,17 +118,20 @@ def both_ways(position, values, speed):
 
 
 def within_travel(forms, collection):
-    """Those of ``forms`` that the records can show: an error of the encoder whose period is longer than the longest
-    travel of a learning or a held-out record is any smooth curve; in less than a signal period every error along the
-    stroke is, and the place holds of the reading's own noise what shows in the residual.
+    """Those of ``forms`` that the records can show.
+
+    An error of the encoder whose period is longer than the longest travel of a learning or a held-out record is any
+    smooth curve; in less than a signal period every error along the stroke is, and the place holds of the reading's own
+    noise what shows in the residual. What differs along the stroke, or with the direction, differs by nothing within
+    the travel in which the contacts' first state is forgotten.
     """
     travel = min(max(np.ptp(p.stage_position) for p in collection.prepared[name]) for name in ("learn", "held"))
     signal_period = collection.frame.drive.signal_period
 
     def least(form):
-        if form.channel != "position" or form.effect not in ALONG_STROKE:
-            return 0.0
-        return max(float(form.variant or 0.0), signal_period)
+        if form.channel == "position" and form.effect in OF_ENCODER:
+            return max(float(form.variant or 0.0), signal_period)
+        return SETTLING_TRAVEL if form.effect in ALONG_STROKE else 0.0
 
     return [form for form in forms if least(form) <= travel]
 

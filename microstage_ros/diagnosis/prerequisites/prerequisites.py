@@ -19,6 +19,10 @@ from microstage_ros.diagnosis.residuals.resonance import Resonance
 SWING = 0.5             # of a slow amplifier's χ² that must be left of it once the drive train is known
 MOST_ROUNDS = 8         # of slow amplifier and motor's speed; derived: a change of a half each leaves 4·10⁻³
 SETTLED = 0.01          # relative change of its time; derived: less than `amplifier.LAG_ERROR`
+# of what stands out, that a gap must not leave for a slow amplifier beside which there is none to be its rattle's own;
+# calibrated by: `test/diagnosis/cases/plain_programmes.py --programme "there and back" --effect actuator_lag
+# transport_delay backlash --seed 901` (0.55 and more of a slow amplifier, 0.01 of gaps)
+GAP_LEFT = 0.3
 CHANGED = ("learn", "held")    # groups of records in which something may be wrong
 
 
@@ -162,6 +166,11 @@ def _train_instead(groups, prompt, drive, prepared, known):
     return corrected, other
 
 
+def _left_by(gap):
+    """Share [1] of what stands above the noise of the held-out records' deflection that a `Gap` leaves there."""
+    return (gap.held_after - gap.held_rows) / max(gap.held_before - gap.held_rows, gap.held_rows)
+
+
 def _holds_most(slow):
     """Whether a `Slowness` explains most of what stands above the noise of its own channel in the held-out records."""
     return slow.held >= MOST * (slow.held_before - slow.held_usual)
@@ -196,7 +205,7 @@ def _slow_or_loose(groups, prepared, drive, known):
     known = dataclasses.replace(before, slow=slow)
     prepared = known.prepare(groups, drive, prepared)
     found, known = with_gap()
-    if gap is not None and found is None:
+    if gap is not None and found is None and _left_by(gap) < GAP_LEFT:
         return prompt      # a lag that moves the motor to where a gap, plain without it, is none is the rattle's own
     return (known.prepare(groups, drive, prepared) if found is not None else prepared), known
 

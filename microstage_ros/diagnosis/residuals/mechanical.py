@@ -85,8 +85,7 @@ class Mechanical:
         self.own = np.zeros(len(self.residual))
         step = np.abs(np.diff(self.position, prepend=self.position[0]))
         self.step = np.where(step > LEAST_STEP, step, 0.0)
-        # a state that is not known is forgotten by going away from it, not by going to and fro about it
-        self.span = np.maximum.accumulate(self.position) - np.minimum.accumulate(self.position)
+        self.span = span_of(self.position)
         self.white = self._white()
 
     def take_out(self, torque):
@@ -96,22 +95,16 @@ class Mechanical:
         self.white = self._white()
 
     def nuisance(self):
-        """Columns (blocks, k) that are free: what the contacts held at the record's first row, and lateness.
-
-        What of that is not forgotten yet stands still while the stage goes to and fro where it has been: a torque
-        [1] for each of `FIRST_SPANS`. Behind a gap the stage's force comes late [N m per period]: at every hit it turns
-        by some ten times the friction; half a period of it is a matter of stamps, and would be friction.
+        """Columns (blocks, k) that are free: what the contacts held at the record's first row [1], `first_state`, and
+        behind a gap a torque [N m per period] by which the stage's force comes late: at every hit it turns by some ten
+        times the friction; half a period of it is a matter of stamps, and would be friction.
         """
         drive, p = self.drive, self.prepared
-        level = np.digitize(self.span, FIRST_SPANS)
-        held = [np.where(level == k, self.first(), 0.0) for k in np.unique(level)]
+        held = first_state(self.span)
         if p.closed is not None:
-            held.append(self.mean(drive.lever * drive.mass * np.gradient(np.gradient(p.stage_speed)) / p.period))
-        return np.column_stack(held)
-
-    def first(self):
-        """Share of the contacts' first state that is not forgotten (blocks,) [1]."""
-        return np.exp(-np.maximum(self.span / SETTLING_TRAVEL - 2.0, 0.0) * 3.0)
+            late = self.mean(drive.lever * drive.mass * np.gradient(np.gradient(p.stage_speed)) / p.period)
+            held = np.column_stack([held, late])
+        return held
 
     def mean(self, values, coarse=1):
         """Block means of a torque, ``values`` (n,) or (n, k), with one row per ``coarse`` periods, as `Prepared.load`
@@ -149,7 +142,7 @@ class Mechanical:
         )
         # derived: a divisor, never nothing: (1 µN m)²
         white = np.maximum(local**2, smooth) + (1.0e-6) ** 2
-        return white + (static / math.sqrt(3.0) * self.first()) ** 2      # anywhere between the limits
+        return white + (static / math.sqrt(3.0) * remembered(self.span)) ** 2      # anywhere between the limits
 
     def whiten(self, matrix, spreads=None):
         """Unit-variance innovations of ``matrix`` (blocks, k), and Σ ln S; ``spreads``: `Spreads`, those of the axis
@@ -193,6 +186,24 @@ def stated_spreads(drive):
         v.time_length,
         STUCK_SHARE * drive.actuator.static,
     )
+
+
+def span_of(position):
+    """Distance between the furthest places so far [m], shape as ``position`` (n,) [m]: a state that is not known is
+    forgotten by going away from it, not by going to and fro about it."""
+    return np.maximum.accumulate(position) - np.minimum.accumulate(position)
+
+
+def remembered(span):
+    """Share [1] of the contacts' first state that is not forgotten at a ``span`` (n,) [m], same shape."""
+    return np.exp(-np.maximum(span / SETTLING_TRAVEL - 2.0, 0.0) * 3.0)
+
+
+def first_state(span):
+    """Columns (n, k) [1] by which it shows at a ``span`` (n,) [m]: what is left of it stands still while the stage goes
+    to and fro where it has been, so one for each of `FIRST_SPANS`."""
+    level, left = np.digitize(span, FIRST_SPANS), remembered(span)
+    return np.column_stack([np.where(level == k, left, 0.0) for k in np.unique(level)])
 
 
 def _means(values, block):

@@ -90,8 +90,9 @@ class Windup:
 
     def nuisance(self):
         """Columns (blocks, k) that are free: readings late by some tenths of a period are a matter of stamps, not of
-        the axis; and the start is free."""
-        return np.stack([self.speed, np.ones(len(self.speed))], axis=1)
+        the axis; the start; and by what the contacts held there the drive is wound up [m per metre], `first_state`."""
+        first = mechanical.first_state(mechanical.span_of(self.position))
+        return np.column_stack([self.speed, np.ones(len(self.speed)), first])
 
     def whiten(self, matrix):
         """Unit-variance innovations of ``matrix`` (blocks, k), and Σ ln S."""

@@ -11,7 +11,7 @@ from microstage_ros.diagnosis.preprocessing.preparation import prepare
 from microstage_ros.diagnosis.prerequisites.encoder import seen_interpolation
 from microstage_ros.diagnosis.prerequisites.periods import Way, periods
 from microstage_ros.diagnosis.residuals.evidence import free_of_nuisance
-from microstage_ros.diagnosis.residuals.mechanical import FIRST_SPANS, Mechanical
+from microstage_ros.diagnosis.residuals.mechanical import FIRST_SPANS, Mechanical, remembered
 from microstage_ros.diagnosis.residuals.position import Position, rounding_orders
 from microstage_ros.diagnosis.residuals.resonance import Resonance
 from test.diagnosis.cases.plain_programmes import records
@@ -52,8 +52,8 @@ def test_where_the_motor_rests_its_noise_tells_nothing_of_the_drive(drive, at_re
 
 def test_a_first_state_is_forgotten_by_going_away_and_not_by_going_to_and_fro(axis, drive):
     fro, away = ((Mechanical(prepare(records(axis, "pid", name, {}, SEED)[0][0], drive), drive)) for name in ("tenths", "plain"))
-    assert fro.first()[-1] == 1.0 and fro.nuisance().shape[1] <= len(FIRST_SPANS)
-    assert away.first()[-1] < 1e-9 and np.flatnonzero(away.first() < 1e-3)[0] * 2e-3 < 6.0
+    assert remembered(fro.span)[-1] == 1.0 and fro.nuisance().shape[1] <= len(FIRST_SPANS)
+    assert remembered(away.span)[-1] < 1e-9 and np.flatnonzero(remembered(away.span) < 1e-3)[0] * 2e-3 < 6.0
 
 
 def test_a_baseline_at_rest_is_left_out_and_said(axis, at_rest):

@@ -284,7 +284,7 @@ def test_a_name_that_is_passed_over_ends_no_search(monkeypatch, passed):
     for name, rule in rules.items():
         monkeypatch.setattr(judge, name, rule)
     there = [mine, *([first] if passed == "chosen" else [])]
-    found = judge.rivals_of(None, mine, there, [first.effect, "backlash"])
+    found = judge.rivals_of(types.SimpleNamespace(base={}), mine, there, [first.effect, "backlash"])
     assert found == ([first.effect] if passed == "constant force" else []) + ["backlash"]
 
 
@@ -310,3 +310,10 @@ def test_the_gain_of_a_cause_is_what_it_adds_to_the_others():
 def test_a_dependence_needs_five_standard_errors_on_the_held_out_records(held, stands):
     finding = Finding("torque", "time", 90.0, 30.0, 90.0)
     assert bool(judge.leftovers([(finding, held)])) is stands
+
+
+@pytest.mark.parametrize(("channel", "base", "share"), [("torque", {}, 0.2), ("torque", {"torque": object()}, 0.02), ("windup", {}, 0.02)])
+def test_without_a_baseline_a_name_in_the_torque_must_lead_by_a_fifth(channel, base, share):
+    """Friction along the stroke led a viscosity by 0.15 on moves to and fro, where the speed is a function of the place."""
+    mine = Choice("position_dependent_friction", (simple("position_dependent_friction", channel),))
+    assert judge._rival_share(types.SimpleNamespace(base=base), mine) == share
