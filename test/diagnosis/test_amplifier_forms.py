@@ -126,6 +126,7 @@ def test_a_delay_is_known_as_well_as_the_weight_of_the_command_before(late, shar
     seen = weight // 1 + part_of(weight % 1, winding)
     found, error = _corrected(seen, winding, feigned)
     assert abs(found - late) < (1.0e-9 if share == 0.5 else 2.0 * error)
+    assert _corrected(seen, winding, 0.0, feigned)[1] > _corrected(seen, winding, 0.0)[1]       # without a baseline it is only doubted
     assert _corrected(late, winding, 0.0)[0] == pytest.approx(late) and _corrected(late, winding, 0.0)[1] < error
 
 

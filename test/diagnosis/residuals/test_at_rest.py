@@ -1,6 +1,7 @@
 """What records of an axis that rests, or hardly moves, can tell: noise, and nothing of encoder, drive or friction."""
 
 import dataclasses
+import types
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from microstage_ros.diagnosis.batch import diagnose_records
 from microstage_ros.diagnosis.catalogue.measuring import encoder_sde, scale_error
 from microstage_ros.diagnosis.preprocessing.preparation import prepare
 from microstage_ros.diagnosis.prerequisites.encoder import seen_interpolation
-from microstage_ros.diagnosis.prerequisites.periods import Way, periods
+from microstage_ros.diagnosis.prerequisites.periods import ALONG_STROKE, Way, periods, within_travel
 from microstage_ros.diagnosis.residuals.evidence import free_of_nuisance
 from microstage_ros.diagnosis.residuals.mechanical import FIRST_SPANS, Mechanical, remembered
 from microstage_ros.diagnosis.residuals.position import Position, rounding_orders
@@ -79,3 +80,17 @@ def test_no_period_is_looked_for_in_less_than_three_of_the_shortest():
 @pytest.mark.parametrize("count, noise, orders", [(0.0, 1e-9, []), (25e-9, 8e-9, [1]), (25e-9, 25e-9, []), (50e-9, 3e-9, [1, 2, 3, 4])])
 def test_orders_of_the_rounding_that_noise_leaves(count, noise, orders):
     assert rounding_orders(count, noise).tolist() == orders
+
+
+@pytest.mark.parametrize("travel, shown", [(1e-6, 0), (9e-6, 5), (2e-5, 8), (5e-5, 9)])
+def test_what_differs_along_the_stroke_needs_a_stroke(drive, travel, shown):
+    """Of nine forms: four errors of the encoder by place, of periods up to 40 um, and five of friction, drive and forces."""
+    stage = np.linspace(0.0, travel, 100)
+    prepared = {group: [types.SimpleNamespace(stage_position=stage)] for group in ("learn", "held")}
+    collection = types.SimpleNamespace(prepared=prepared, frame=types.SimpleNamespace(drive=drive))
+    forms = [types.SimpleNamespace(effect=effect, channel="position", variant=variant) for effect, variant in (
+        ("scale_error", ""), ("generic:position", ""), ("encoder_sde", "1e-06"), ("encoder_sde", "4e-05"))]
+    forms += [types.SimpleNamespace(effect=effect, channel="torque", variant="") for effect in ALONG_STROKE]
+    other = types.SimpleNamespace(effect="friction_level_change", channel="torque", variant="")
+    assert within_travel([*forms, other], collection)[-1] is other
+    assert len(within_travel(forms, collection)) == shown
