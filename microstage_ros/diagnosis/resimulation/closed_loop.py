@@ -16,6 +16,7 @@ from microstage_ros.control.laws.controller import make_controller
 from microstage_ros.control.runs.closed_loop import TRACE, run_loop
 from microstage_ros.diagnosis.resimulation.rests import rows_that_tell
 from microstage_ros.model.actuators import actuator_of
+from microstage_ros.model.axis_file import Axis
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.solver.plant import NoiseSpec, make_plant, new_readings, new_state, new_work
 
@@ -29,8 +30,13 @@ ENCODER, VOLTAGE = TRACE.index("encoder_m"), TRACE.index("voltage_V")
 
 @dataclass(frozen=True)
 class Measured:
-    """What a re-simulation needs of one record: arrays of shape (n,), SI; ``law`` is the rms of the command
-    that the controller of the axis file does not explain [N], ``tells`` the mask of `rests.rows_that_tell`."""
+    """What a re-simulation needs of one record: arrays of shape (n,), SI.
+
+    ``law`` is the rms of the command that the controller of the axis file does not explain [N], start left out;
+    ``target_before`` where the target was at rest before the first row [m], None if it moved, whichever explains more;
+    ``tells`` the mask of `rests.rows_that_tell`; ``designed_for`` the axis file whose law was in the loop: a model of
+    another mass has the gains that the machine had.
+    """
 
     source: str
     time: np.ndarray
@@ -41,14 +47,16 @@ class Measured:
     position_at_start: float
     speed_at_start: float
     law: float
+    target_before: float | None
     tells: np.ndarray
+    designed_for: Axis
 
     def __len__(self):
         return len(self.time)
 
 
 def measured(record, axis):
-    """Check a record against the axis and its controller; returns `Measured`.
+    """Check a record against the axis file and its controller, as it was in the loop; returns `Measured`.
 
     Raises InputError: missing samples, a period other than the axis's, or a command that the axis file's
     controller does not produce from the record's own reference and encoder.
@@ -66,7 +74,9 @@ def measured(record, axis):
     voltage = record[name] if name == command.column else record["force_N"] / gain
     added = np.nan_to_num(record[command.disturbance]) if command.disturbance in record else np.zeros(len(record))
     start, speed = _start(record, axis)
-    law = _law_residual(axis, record, voltage - added, speed)
+    ways = [(_law_residual(axis, record, voltage - added, speed, place), place) for place in (None, _first(record))]
+    left, target_before = min(ways, key=lambda way: float(way[0] @ way[0]))
+    law = float(np.sqrt(np.mean(left[START_ROWS:] ** 2)))
     if law > LAW_MISMATCH * np.std(voltage):
         raise InputError(
             f"{axis.place}: controller",
@@ -83,7 +93,9 @@ def measured(record, axis):
         start,
         speed,
         gain * law,
+        target_before,
         rows_that_tell(record["reference_m"], axis, _controller(axis)),
+        axis,
     )
 
 
@@ -98,6 +110,11 @@ def _start(record, axis):
         place, noise = float(first.mean()), axis.value("sensors.encoder.noise")
         return (float(reference[0]) if abs(place - reference[0]) <= NOISES * noise else place), 0.0
     return float(first[0]), float(np.polyfit(np.arange(START_ROWS) * axis.value("period"), first, 2)[1])
+
+
+def _first(record):
+    """The target in the first row [m]."""
+    return float(record["reference_m"][0])
 
 
 def _no_gaps(record, name):
@@ -115,19 +132,21 @@ def _controller(axis):
     return make_controller(section.pop("type"), axis, **section)
 
 
-def _primed(axis, position, speed):
-    """A controller that has seen an even motion before the first row."""
+def _primed(axis, position, speed, target_before=None):
+    """A controller that has seen an even motion before the first row, or a target at rest, ``target_before`` [m]: a law
+    that feeds friction forward would else lean on what noise makes of the ``speed`` [m/s]."""
     controller, period = _controller(axis), axis.value("period")
     for back in range(4, 0, -1):
-        controller.step(position - back * speed * period, position - back * speed * period)
+        before = position - back * speed * period
+        controller.step(before if target_before is None else target_before, before)
     return controller
 
 
-def _law_residual(axis, record, voltage, speed):
-    """Rms [V] of the command that the controller does not give on the record's own signals, start left out."""
-    controller = _primed(axis, float(record["encoder_m"][0]), speed)
+def _law_residual(axis, record, voltage, speed, target_before=None):
+    """Command [V] that the controller does not give on the record's own signals, shape (n,)."""
+    controller = _primed(axis, float(record["encoder_m"][0]), speed, target_before)
     own = np.array([controller.step(r, y) for r, y in zip(record["reference_m"], record["encoder_m"])])
-    return float(np.sqrt(np.mean((voltage - own)[START_ROWS:] ** 2)))
+    return voltage - own
 
 
 def turning_effects(axis):
@@ -228,7 +247,7 @@ class ClosedLoop:
         else:
             plant = make_plant(axis)
         state = new_state(plant, seed=seed or 0, position=part.position_at_start, speed=part.speed_at_start)
-        controller = _primed(axis, part.position_at_start, part.speed_at_start)
+        controller = _primed(part.designed_for, part.position_at_start, part.speed_at_start, part.target_before)
         trace = np.empty((len(part), len(TRACE)))
         run_loop(
             plant,

@@ -49,9 +49,9 @@ def diagnose_force_axis(axis, records, holdout=(), baseline=(), seed=0, progress
     if not records:
         raise InputError("records", 0, "at least one record")
     healthy = 0.0
+    parts = [measured(record, axis) for record in (*records, *holdout)]
     if baseline:
         axis, healthy = _on_baseline(axis, baseline)
-    parts = [measured(record, axis) for record in (*records, *holdout)]
     folds = make_folds(parts, [False] * len(records) + [True] * len(holdout))
     loop = ClosedLoop(parts, jobs)
     loop.home(axis, every=True)

@@ -1,15 +1,18 @@
 """Closed-loop re-simulation against an independent integration, and against itself."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from microstage_ros.control.runs.run_file import Run
-from microstage_ros.control.runs.simulate import simulate
-from microstage_ros.diagnosis.resimulation import pictures
+from microstage_ros.control.runs.run_file import Run, run_from_dict
+from microstage_ros.control.runs.simulate import simulate, simulated_record
+from microstage_ros.diagnosis.resimulation import closed_loop, pictures
 from microstage_ros.diagnosis.resimulation.closed_loop import ClosedLoop, measured
 from microstage_ros.diagnosis.resimulation.folds import left_out_residual, make_folds, repetition
 from microstage_ros.model.axis_file import load_axis
+from microstage_ros.places import config_file
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.records import Record
 from test.diagnosis.emps import QUIET, ROOT, emps_record, there_and_back
@@ -75,7 +78,8 @@ def _part(axis, reference, position, speed):
     loop = simulated(axis, reference)
     record = Record(1e-3, {**loop.columns, "reference_m": reference}, "made")
     part = measured(record, axis)
-    return type(part)("made", part.time, reference, made, part.force, np.zeros(rows), position, speed, 0.0, np.ones(rows, bool))
+    return dataclasses.replace(part, source="made", reference=reference, position=made, disturbance=np.zeros(rows),
+                               position_at_start=position, speed_at_start=speed, law=0.0, tells=np.ones(rows, bool))
 
 
 def test_a_record_of_the_model_itself_leaves_nothing(axis):
@@ -134,8 +138,7 @@ def test_published_emps_parameters_leave_what_others_report(axis):
     part = measured(record, axis)
     residual = ClosedLoop([part]).residual(axis)
     assert 2.3 < np.sqrt(np.mean(residual**2)) < 2.7
-    at_rest = type(part)(part.source, part.time, part.reference, part.position, part.force, part.disturbance,
-                         part.position_at_start, 0.0, part.law, part.tells)
+    at_rest = dataclasses.replace(part, speed_at_start=0.0)
     jolted = ClosedLoop([at_rest]).residual(axis)
     assert 0.050 < np.linalg.norm(jolted) / np.linalg.norm(part.force) < 0.058
 
@@ -156,3 +159,27 @@ def test_a_residual_that_grows_with_the_frequency_of_the_reference_says_so(axis)
     assert not even["reference frequency"].significant
     still = [_part(axis, np.full(2000, 0.05), 0.05, 0.01)]
     assert "reference frequency" not in pictures.coordinates(still, axis, np.arange(2000))
+
+
+@pytest.fixture(scope="module")
+def voice_coil():
+    return load_axis(config_file("axes/voice_coil.yaml"))
+
+
+@pytest.mark.parametrize("program", [[{"move_to_m": 0.0, "dwell_s": 0.5}], [{"move_to_m": 1e-7, "dwell_s": 0.3}]], ids=["rest", "move"])
+@pytest.mark.parametrize("seed", [70, 71, 72])
+def test_a_law_that_feeds_friction_forward_has_not_moved_before_a_record_that_begins_at_rest(voice_coil, program, seed):
+    """By the noise of the first readings' speed it leaned on friction by 12.5 mV, and the record was refused as another law's."""
+    record = simulated_record(voice_coil, run_from_dict({"program": program}), seed)
+    part = measured(record, voice_coil)
+    assert part.target_before == 0.0 and part.law < 1e-4
+
+
+def test_another_model_has_the_law_that_was_in_the_loop(voice_coil, monkeypatch):
+    """Gains and feed-forward that no one gave come from the axis file: a model of another mass changed them, too."""
+    record = simulated_record(voice_coil, run_from_dict({"program": [{"move_to_m": 1e-5, "dwell_s": 0.1}]}), 1)
+    loop, used, usual = ClosedLoop([measured(record, voice_coil)]), [], closed_loop._controller
+    monkeypatch.setattr(closed_loop, "_controller", lambda axis: used.append(axis) or usual(axis))
+    heavier = voice_coil.with_values({"stage.mass": 1.3 * voice_coil.value("stage.mass")})
+    assert np.std(loop.residual(heavier)) > 2.0 * np.std(loop.residual(voice_coil))
+    assert len(used) == 2 and all(axis is voice_coil for axis in used)
