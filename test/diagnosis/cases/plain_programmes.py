@@ -6,7 +6,8 @@
 One line per case: two records with the hidden effects to learn from, one to judge on, one healthy as the baseline, as
 `simulate` makes them. "right": all that is hidden is named, and nothing else; "rival": all of it is among the names and
 the open questions; "missed"; "WRONG": a name that was not hidden, or an open question without any that was. Behind it,
-for every number of the effect that the answer states, by how much it is off: relative, and in stated standard errors.
+for every number of the effect that the answer states, by how much it is off: relative, and in stated standard errors;
+of a healthy axis the largest residuals, over the thresholds above which they are findings.
 Friction along the stroke may be nearly even on the part of the stroke that a programme covers, and cannot be told then.
 --period: of the control, 1e-4 s.
 --cases: pairs or healthy axes of each programme (20), or how often each single effect is drawn (1).
@@ -96,6 +97,12 @@ def errors_of(answer, effects):
     return found
 
 
+def loudest(answer):
+    """How far the healthy axis is from a finding: the three largest of what is left over its threshold, by channel and coordinate."""
+    parts = sorted(((finding.left / finding.threshold, finding.channel, finding.coordinate) for finding in answer.findings), reverse=True)
+    return ", ".join(f"{channel} by {coordinate} {part:.2f}" for part, channel, coordinate in parts[:3])
+
+
 def cases_of(axis, options):
     """The names hidden in each case, a list of tuples."""
     names = options.effect or list(effects_of(axis))
@@ -135,7 +142,7 @@ def main():
             count[word], errors = count[word] + 1, errors + off
             print(word, programme, number, "+".join(names) or "healthy", answer.verdict, [cause.id for cause in answer.causes],
                   [list(rivals.ids) for rivals in answer.rivals], *(f"{name} {100 * part:+.2g} % {sigmas:+.1f} s" for name, part, sigmas in off),
-                  "" if word == "right" else json.dumps(effects)[:120], flush=True)
+                  loudest(answer) if not names else "" if word == "right" else json.dumps(effects)[:120], flush=True)
     for word, found in count.items():
         print(f"{word}: {rate(found, sum(count.values()))}")
     print(f"numbers within 1.96 stated errors: {rate(sum(abs(sigmas) < 1.96 for _, _, sigmas in errors), len(errors))}")
