@@ -38,7 +38,7 @@ def test_a_block_is_as_long_as_the_load_is_smoothed(axis):
 
 
 def test_nothing_is_left_of_a_quiet_axis(quiet):
-    known = quiet.travel > 1.0e-4   # before, the friction's first state is not known
+    known = quiet.span > 1.0e-4   # before, the friction's first state is not known
     left = quiet.residual[known]
     assert np.std(left) < 5.0e-7    # N m; the friction is 2.2e-4
     assert np.abs(left).max() < 1.0e-5
@@ -60,7 +60,7 @@ def test_what_scales_the_friction_scales_the_healthy_axiss_own(quiet):
 
 
 def test_stage_and_rotor_accelerate_for_what_the_motor_gives(quiet):
-    turning = (np.abs(quiet.inertial) > 3.0e-6) & (quiet.travel > 1.0e-4)
+    turning = (np.abs(quiet.inertial) > 3.0e-6) & (quiet.span > 1.0e-4)
     assert turning.sum() > 100
     slope = (quiet.residual @ (quiet.inertial * turning)) / (quiet.inertial @ (quiet.inertial * turning))
     assert abs(slope) < 0.05        # of the stage's mass; without the ripple of the current it is 0.4
