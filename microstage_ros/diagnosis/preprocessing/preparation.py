@@ -287,8 +287,10 @@ def count_of(reading):
 
 
 def _lost_rows(repeated):
-    """Which rows stand for that of the period before, (n,): of ``repeated`` (n,) the runs of `LOST_IN_A_ROW` at most.
-    Where more are alike nothing was lost: the axis rests."""
+    """Mask (n,) of the rows whose sample was lost, so that the one before is in its place.
+
+    Of ``repeated`` (n,) the runs of `LOST_IN_A_ROW` at most: where more are alike nothing was lost, the axis rests.
+    """
     starts, stops = np.flatnonzero(np.diff(np.concatenate([[False], repeated, [False]]).astype(int))).reshape(-1, 2).T
     lost = repeated.copy()
     for start, stop in zip(starts, stops):

@@ -45,8 +45,9 @@ TAUGHT_SHARE = 0.2
 # of what it can hold in the baseline's records that they may show of it; derived: 2 s − 1 of a baseline that has the
 # share s = 0.65 of its time
 IN_BASELINE = 0.3
-# of the command of one period before, that it may seem to have where no baseline tells; calibrated by:
-# `test/diagnosis/cases/plain_programmes.py` (−0.025 to −0.042 under the shipped law)
+# weight of the command of one period before, that it may seem to have where no baseline tells; calibrated by:
+# `test/diagnosis/cases/test_default_law.py` (−0.025 under the shipped law), and by hand, with `_feigned_weight` of two
+# records of moves to and fro (−0.039 and −0.042; no command prints these)
 UNSEEN_WEIGHT = 0.04
 LONGEST = 64             # periods; derived: the power of two above the 60 that `TransportDelay` may have
 # periods; derived: half way between two of the catalogue's forms, and half as far again

@@ -21,7 +21,8 @@ MOST_ROUNDS = 8         # of slow amplifier and motor's speed; derived: a change
 SETTLED = 0.01          # relative change of its time; derived: less than `amplifier.LAG_ERROR`
 # of what stands out, that a gap must not leave for a slow amplifier beside which there is none to be its rattle's own;
 # calibrated by: `test/diagnosis/cases/plain_programmes.py --programme "there and back" --effect actuator_lag
-# transport_delay backlash --seed 901` (0.55 and more of a slow amplifier, 0.01 of gaps)
+# transport_delay backlash --seed 901`, whose answers are right with it; by hand, `_left_by` is 0.55 and 0.63 of the two
+# slow amplifiers there and 0.01 and less of two gaps (no command prints these)
 GAP_LEFT = 0.3
 CHANGED = ("learn", "held")    # groups of records in which something may be wrong
 

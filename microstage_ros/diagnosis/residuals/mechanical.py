@@ -32,7 +32,8 @@ STUCK_TIME, STUCK_TRAVEL = 0.5, 3.0e-6
 # m: until then the record's unknown first friction state counts; calibrated by: validation.variation --group settling
 # (half and double: the same answers)
 SETTLING_TRAVEL = 8.0e-6
-# m between the furthest places, within which what is left of that state is one torque; derived: octaves of four
+# m between the furthest places, within which what is left of that state is one torque; derived: each is four times the
+# one before
 FIRST_SPANS = (SETTLING_TRAVEL / 64.0, SETTLING_TRAVEL / 16.0, SETTLING_TRAVEL / 4.0, SETTLING_TRAVEL)
 # m of travel in a block, below which the stage is not said to move; calibrated by: validation.variation --group white
 # (half and double: the same answers)
