@@ -78,12 +78,13 @@ def diagnose_case(axis, records, holdout=(), baseline=(), seed=0, twin=()):
     InputError : for records that cannot be used.
     """
     records, holdout, notes = _hold_back(list(records), list(holdout))
-    baseline, still = _that_moves(list(baseline), records, drive_of(axis).signal_period)
-    notes += still
+    baseline, left_out = _baseline_in_motion(list(baseline), records, drive_of(axis).signal_period)
+    notes += left_out
     drive = seen_interpolation(drive_of(axis), baseline, records)
     groups = {"learn": records, "held": holdout, "base": baseline}
     if not baseline:
-        notes.append("No baseline was given: thresholds come from the model's own figures.")
+        why = "No baseline is left" if left_out else "No baseline was given"
+        notes.append(f"{why}: thresholds come from the model's own figures.")
     prepared, known = find_known(groups, drive)
     prepared |= {"twin": [prepare(one, drive) for one in twin]} if twin else {}
     chosen = _beside_offset(groups, prepared, drive, known)
@@ -316,7 +317,7 @@ def _units(collection):
     return units
 
 
-def _that_moves(baseline, records, least):
+def _baseline_in_motion(baseline, records, least):
     """(Records of the ``baseline`` that move, notes): what rests says nothing of friction and drive. One that travels
     less than ``least`` [m] is left out, unless none of the ``records`` to learn from travels further."""
     def travel(record):

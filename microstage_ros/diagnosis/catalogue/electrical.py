@@ -89,7 +89,7 @@ def backlash(force):
 
 def windup_compliance(channel, frame):
     """Wind-up [m] in proportion to the load; β = 1/factor − 1."""
-    return -channel.force[:, None] / frame.drive.stiffness
+    return -channel.load[:, None] / frame.drive.stiffness
 
 
 def drive_compliance(factor):
@@ -228,7 +228,7 @@ FORMS = (
         )
         for f in STIFFNESS_FACTORS
     ),
-    Form("payload_change", "windup", "", windup_compliance, _load_sizes),
+    Form("payload_change", "windup", "", windup_compliance, _load_sizes, lambda b: b[0] > -1.0),   # there is a mass
     *(
         Form("payload_change", "resonance", f"{f:g}", payload_resonance(f), _mass_sizes(f), _near_one(0.75 < f < 1.3))
         for f in MASS_FACTORS

@@ -8,6 +8,7 @@ import functools
 
 import numpy as np
 from scipy.signal import cont2discrete, lfilter
+from scipy.stats import norm
 
 from microstage_ros.diagnosis.preprocessing.friction_replay import replay, replayed_force
 from microstage_ros.diagnosis.preprocessing.motion import smooth_motion
@@ -43,6 +44,7 @@ SHARE_ROWS = 16 * SHARE_REACH     # derived: far enough from both ends of what i
 LEAST_COUNT = 1.0e-11
 # share of the changes that must be whole multiples, and how near to one; derived: chance makes 0.04 of them
 ALL_COUNTS, WHOLE = 0.99, 0.02
+UNCUT = 8.0      # standard deviations of an amplifier's noise below its limit; derived: a chance of 6·10⁻¹⁶ beyond them
 # samples lost one after the other; derived: four come once in 10⁵ rows where a twentieth is lost
 LOST_IN_A_ROW = 3
 # over unread currents; derived: the reading after one settles from it to a share a = 0.02 of its error, a² the second
@@ -147,8 +149,8 @@ def prepare(record, drive, amplifier=None, lines=(), gap=0.0, course=None, pull=
         columns["current_A"] = columns["current_A"] - drive.current_offset
     rounded = np.round(columns["voltage_V"] / drive.converter_step) * drive.converter_step
     rounded = np.clip(rounded, -drive.voltage_limit, drive.voltage_limit)
-    answered = commanded = of_row_before(rounded)
-    off = (rounded == 0.0) & (answered == 0.0)
+    answered = commanded = of_row_before(_limited(rounded, drive))
+    off = (rounded == 0.0) & (of_row_before(rounded) == 0.0)
     if amplifier is not None:
         answered = amplifier(answered, period)
     stage = columns.get("interferometer_m", columns["encoder_m"])
@@ -221,6 +223,17 @@ def prepare(record, drive, amplifier=None, lines=(), gap=0.0, course=None, pull=
         count=count_of(record["encoder_m"]),
         shake=shake,
     )
+
+
+def _limited(voltage, drive):
+    """Mean of what an amplifier of noise σ that gives no more than ±U makes of a ``voltage`` (n,) [V] within ±U:
+    u − sgn(u) σ (φ(z) − z Φ(−z)), z = (U − |u|)/σ: at its limit half of the noise is cut off, which is 0.4 σ."""
+    sigma = drive.amplifier_noise
+    near = np.flatnonzero(drive.voltage_limit - np.abs(voltage) < UNCUT * sigma)
+    z = (drive.voltage_limit - np.abs(voltage[near])) / (sigma or 1.0)
+    limited = voltage.copy()
+    limited[near] -= np.sign(voltage[near]) * sigma * (norm.pdf(z) - z * norm.sf(z))
+    return limited
 
 
 def _carried(stage, angle, drive, period):

@@ -10,6 +10,7 @@ stage's own motion.
 import math
 
 import numpy as np
+from scipy.ndimage import binary_opening, maximum_filter1d
 
 from microstage_ros.diagnosis.preprocessing.friction_replay import replayed_force
 from microstage_ros.diagnosis.preprocessing.smoothing import reading_noise, triangle
@@ -20,6 +21,11 @@ WIDTH = 11
 # of the guideways' sliding friction from which a flank carries the stage; derived: midway between one that nothing
 # touches and one that slides
 CARRIED = 0.5
+# periods of a flank that carries the stage steadily; derived: the force is a mean over four times `WIDTH`, and a hit
+# lasts some ten
+STEADY = 5 * WIDTH
+# periods; derived: as far as the mean over `preparation.GAP_FUSION` reaches to either side
+NEAR = 1000
 SIGMAS = 5.0    # of the force's own noise from which it has a sign; derived: a chance of 6·10⁻⁷
 
 
@@ -51,7 +57,9 @@ def force_noise(stage, drive, period, width):
 def offset_where_closed(stage, angle, gap, drive, period, pull=0.0):
     """(stage less motor without gap and wind-up (n,) [m], whether a flank carries the stage (n,)).
 
-    Where none does the offset is bridged in a straight line: it tells nothing there.
+    Where none does the offset is bridged in a straight line: it tells nothing there. So it is where a flank is only
+    hit, as far as one carries the stage steadily within `NEAR` periods: of a hit the force, a mean over more than its
+    length, tells little.
 
     Parameters
     ----------
@@ -62,9 +70,11 @@ def offset_where_closed(stage, angle, gap, drive, period, pull=0.0):
     force = transmitted_force(stage, drive, period, WIDTH) + pull
     least = max(CARRIED * drive.guideway.static, SIGMAS * force_noise(stage, drive, period, WIDTH))
     closed = np.abs(force) > least
+    steady = binary_opening(closed, np.ones(STEADY))
+    known = steady | (closed & (maximum_filter1d(steady, 2 * NEAR + 1) == 0))
     offset = triangle(stage - angle, WIDTH)
-    if closed.any():
-        rows = np.flatnonzero(closed)
+    if known.any():
+        rows = np.flatnonzero(known)
         there = (offset + np.sign(force) * 0.5 * gap + force / drive.stiffness)[rows]
         offset = np.interp(np.arange(len(stage)), rows, there)
     return offset, closed

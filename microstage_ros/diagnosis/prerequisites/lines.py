@@ -96,7 +96,7 @@ class Spectrum:
         self.mask[:STARTS] = False
         usual = np.median(np.abs(white[self.mask])) / MEDIAN_SIZE if self.mask.any() else 1.0
         bound = CLIPPED * max(usual, 1.0)  # a strong line must not be clipped: it would grow harmonics
-        self.values = np.where(self.mask, np.clip(white, -bound, bound), 0.0)
+        self.values = _without_drift(np.where(self.mask, np.clip(white, -bound, bound), 0.0), self.mask)
         self.count = max(int(self.mask.sum()), 1)
         self.off = self.mask & (channel.mean(p.off.astype(float)) == 1.0)
         # and not where the stage only turns round: what a sine repeats there has lines at its harmonics
@@ -157,6 +157,19 @@ class Spectrum:
         """Take a line at ``frequency`` [Hz] out of the values."""
         z, _ = self.fit(frequency)
         self.values = self.values - np.where(self.mask, (z * np.exp(2j * np.pi * frequency * self.time)).real, 0.0)
+
+
+def _without_drift(values, mask):
+    """``values`` (n,) [1] without their mean in every stretch of ``mask`` that lasts.
+
+    An amplifier's offset or gain makes the motor seem to drift there; where a programme repeats its rests, such a mean
+    has lines at multiples of their frequency.
+    """
+    values = values.copy()
+    for start, stop in np.diff(mask, prepend=0, append=0).nonzero()[0].reshape(-1, 2):
+        if stop - start >= LASTING:
+            values[start:stop] -= values[start:stop].mean()
+    return values
 
 
 def find_lines(learn, held, base):

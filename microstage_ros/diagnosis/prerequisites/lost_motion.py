@@ -4,8 +4,9 @@ model.
 A wide gap lets a closed loop rattle from flank to flank; then the stage no longer tells where the motor is, and
 every residual that takes it for granted is worthless. Where it rattles, force over deflection tells the gap
 (`characteristic`), and the drive train's stiffness with it. Elsewhere the stage is replayed behind it (`gap_replay`)
-and compared with the measured one. An error of the lead goes with the place and is linear in its size: it is free in
-every comparison, and neither hides a gap nor passes for one.
+and compared with the measured one. An error of the lead goes with the place, and an amplifier's gain, offset or warm
+winding with the voltage over time; they are linear in their sizes and free in every comparison, so that none of them
+hides a gap or passes for one.
 """
 
 import dataclasses
@@ -61,8 +62,8 @@ ROWS, PIECES = (99.0, 1.0), 75.0
 # usual sizes above which a misfit counts no more; calibrated by: validation.variation --group gap --alone BOUND
 # --world second --cases 3 --strength 0.1 --seed 17001 (doubled the same answers; halved, one gap by 3 of its errors)
 BOUND = 20.0
-#: The effect whose forms are free beside a gap.
-FREE = "screw_pitch_error"
+#: Effects whose forms are free beside a gap: they move the motor's travel with the place, or while it rests.
+FREE = ("screw_pitch_error", "amplifier_offset", "amplifier_gain", "resistance_rise")
 # share of what force over deflection leaves above its noise without a gap that the gap must take, in the learning and
 # in the held-out records; the geometric mean of 0.58, of a motor's travel that is wrong by an amplifier's lag, and
 # 0.89, of a gap under late readings; calibrated by: microstage campaign --world second --kind two, seed 9203, case 47,
@@ -127,15 +128,15 @@ class Gap:
 
 
 class Deflection(Windup):
-    """`Windup` of one record that is compared beside any error of the lead.
+    """`Windup` of one record that is compared beside any error of the lead and of the amplifier, `FREE`.
 
-    Its noise is that of what that leaves: an error of the lead would pass for loads that turn round within a block.
+    Its noise is that of what these leave: an error of the lead would pass for loads that turn round within a block.
     """
 
     def __init__(self, prepared, drive):
         super().__init__(prepared, drive)
         frame = Frame(drive, 0.0, 0.0, 0.0)
-        free = [form for form in FORMS if form.channel == self.name and form.effect == FREE]
+        free = [form for form in FORMS if form.channel == self.name and form.effect in FREE]
         columns = np.concatenate([form.columns(self, frame) for form in free], axis=1)
         columns = columns / np.maximum(np.linalg.norm(np.diff(columns, axis=0), axis=0), TINY)
         known = columns @ _sizes(np.diff(columns, axis=0), np.diff(self.residual))
@@ -148,7 +149,7 @@ class Deflection(Windup):
         self._basis = basis[:, sizes > OWN * sizes[0]]
 
     def white_beside(self, residual):
-        """Whitened ``residual`` (blocks,) [m] without what an error of the lead takes of it."""
+        """Whitened ``residual`` (blocks,) [m] without what the forms that are free take of it."""
         white = self.whiten(residual[:, None])[0][:, 0]
         return white - self._basis @ (self._basis.T @ white)
 
@@ -222,10 +223,8 @@ def shows_no_gap(prepared, drive):
 
 def _replayed(prepared, drive):
     """`Gap` by the stage replayed behind it, which asks for no rattle; or None."""
-    channels = {name: [Deflection(p, drive) for p in prepared[name]] for name in ("learn", "held", "base")}
-    usual = max(_mean(_loss(c, c.residual) for c in channels["base"]), USUAL) if channels["base"] else USUAL
-    without = _losses(channels["learn"], 0.0)
-    if without < STANDS_OUT * usual:
+    channels, usual = _deflections(prepared, drive)
+    if _losses(channels["learn"], 0.0) < STANDS_OUT * usual:
         return None
     spread = _spread(channels["learn"])
     first = min((share * spread for share in WIDTHS), key=lambda width: _followed(channels["learn"], width))
@@ -256,6 +255,19 @@ def _replayed(prepared, drive):
     error = (FORM_ERROR + RATTLE_ERROR * rattle) * width + LEAST_ERROR
     return Gap(width, error, before, after, sum(len(c.residual) for c in channels["held"]),
                _mean(c.noise for c in channels["held"]), taken)
+
+
+def _deflections(prepared, drive):
+    """{group: [`Deflection`]} of ``prepared`` records, and the usual loss, which is the baseline's."""
+    channels = {name: [Deflection(p, drive) for p in prepared[name]] for name in ("learn", "held", "base")}
+    return channels, max(_mean(_loss(c, c.residual) for c in channels["base"]), USUAL) if channels["base"] else USUAL
+
+
+def stands_out(prepared, drive):
+    """Whether stage against motor, beside what may be free, shows more than noise in the learning records: something
+    for a gap to explain.  ``prepared``, ``drive``: as in `find_gap`."""
+    channels, usual = _deflections(prepared, drive)
+    return _losses(channels["learn"], 0.0) >= STANDS_OUT * usual
 
 
 def _spread(channels):

@@ -11,7 +11,7 @@ from microstage_ros.diagnosis.preprocessing.preparation import prepare
 from microstage_ros.diagnosis.preprocessing.threads import side_by_side
 from microstage_ros.diagnosis.prerequisites.amplifier import MOST, Slowness, find_slowness
 from microstage_ros.diagnosis.prerequisites.lines import find_lines, remainder_taken
-from microstage_ros.diagnosis.prerequisites.lost_motion import Gap, find_gap
+from microstage_ros.diagnosis.prerequisites.lost_motion import Gap, find_gap, stands_out
 from microstage_ros.diagnosis.prerequisites.resonant import FAR, Train, fit_train
 from microstage_ros.diagnosis.prerequisites.slow_drift import courses
 from microstage_ros.diagnosis.residuals.resonance import Resonance
@@ -19,11 +19,6 @@ from microstage_ros.diagnosis.residuals.resonance import Resonance
 SWING = 0.5             # of a slow amplifier's χ² that must be left of it once the drive train is known
 MOST_ROUNDS = 8         # of slow amplifier and motor's speed; derived: a change of a half each leaves 4·10⁻³
 SETTLED = 0.01          # relative change of its time; derived: less than `amplifier.LAG_ERROR`
-# of what stands out, that a gap must not leave for a slow amplifier beside which there is none to be its rattle's own;
-# calibrated by: `test/diagnosis/cases/plain_programmes.py --programme "there and back" --effect actuator_lag
-# transport_delay backlash --seed 901`, whose answers are right with it; by hand, `_left_by` is 0.55 and 0.63 of the two
-# slow amplifiers there and 0.01 and less of two gaps (no command prints these)
-GAP_LEFT = 0.3
 CHANGED = ("learn", "held")    # groups of records in which something may be wrong
 
 
@@ -167,11 +162,6 @@ def _train_instead(groups, prompt, drive, prepared, known):
     return corrected, other
 
 
-def _left_by(gap):
-    """Share [1] of what stands above the noise of the held-out records' deflection that a `Gap` leaves there."""
-    return (gap.held_after - gap.held_rows) / max(gap.held_before - gap.held_rows, gap.held_rows)
-
-
 def _holds_most(slow):
     """Whether a `Slowness` explains most of what stands above the noise of its own channel in the held-out records."""
     return slow.held >= MOST * (slow.held_before - slow.held_usual)
@@ -206,7 +196,7 @@ def _slow_or_loose(groups, prepared, drive, known):
     known = dataclasses.replace(before, slow=slow)
     prepared = known.prepare(groups, drive, prepared)
     found, known = with_gap()
-    if gap is not None and found is None and _left_by(gap) < GAP_LEFT:
+    if gap is not None and found is None and stands_out(prepared, drive):
         return prompt      # a lag that moves the motor to where a gap, plain without it, is none is the rattle's own
     return (known.prepare(groups, drive, prepared) if found is not None else prepared), known
 

@@ -30,7 +30,8 @@ WIDER = 2.0
 
 
 class Windup:
-    """Residual of one record; attributes as in `channels.mechanical.Mechanical`, and ``force`` (guideway, N)."""
+    """Residual of one record; attributes as in `channels.mechanical.Mechanical`, ``force`` of the
+    guideways and ``load``, the stage's inertia included, by which the drive train winds up (blocks,) [N]."""
 
     name, unit = "windup", "m"
 
@@ -39,8 +40,9 @@ class Windup:
         p = prepared
         self.time, self.position, self.speed = (self.mean(v) for v in (p.time, p.position, p.speed))
         self.voltage, self.current = self.mean(p.answered), self.mean(p.settled)
-        self._load = p.guideway + drive.guideway.viscous * p.stage_speed
-        self.force = self.mean(self._load)
+        friction = p.guideway + drive.guideway.viscous * p.stage_speed
+        self._load = friction + drive.mass * np.gradient(p.stage_speed, p.period)
+        self.force, self.load = self.mean(friction), self.mean(self._load)
         residual = self.deflection()
         self.residual = self.mean(residual - residual[0])
         self.walk, self.white = self._noise(residual)
@@ -51,7 +53,7 @@ class Windup:
         p, drive = self.prepared, self.drive
         if p.behind is not None:
             return p.stage - p.angle - p.behind
-        return p.stage - p.angle + (self._load + drive.mass * np.gradient(p.stage_speed, p.period)) / drive.stiffness
+        return p.stage - p.angle + self._load / drive.stiffness
 
     def mean(self, values):
         """Block means of a signal, ``values`` of shape (n,) or (n, k)."""

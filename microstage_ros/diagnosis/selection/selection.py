@@ -133,12 +133,25 @@ def acceptable(evidences, trial, choices):
         return False
     if not _masses_agree(evidences, trial.choice, choices) or is_level_of_a_profile(evidences, trial.choice, choices):
         return False
+    if not _leaves_possible(evidences, trial.choice, choices):
+        return False
     if any(refuses(evidences, trial.choice, choices) for refuses in (in_baseline, uneven_as_ever, is_flat)):
         return False
     if misfit(evidences, trial.choice, [*choices, trial.choice]) >= MISFIT or is_splinter(evidences, trial, choices):
         return False
     return agrees_with_itself(evidences, trial.choice, choices) and not is_wave_of_friction(
         evidences, trial.choice, choices)
+
+
+def _leaves_possible(evidences, choice, choices):
+    """Whether the causes that were chosen keep possible sizes beside a further one: a gap beside a payload of less than
+    nothing is none of the two."""
+    for channel in {form.channel for form in choice.forms}:
+        forms = {form.key: form for other in choices for form in other.forms if form.channel == channel}
+        sizes = evidences.learn[channel].sizes([*forms, *choice.keys(channel)]) if forms else {}
+        if not all(form.possible(sizes[key], evidences.frame) for key, form in forms.items()):
+            return False
+    return True
 
 
 def _masses_agree(evidences, choice, choices):

@@ -1,0 +1,67 @@
+"""Fast moves with rests between them, as a cell makes them: what an amplifier's fault, a load or a hit in a gap is not."""
+
+import numpy as np
+import pytest
+
+from microstage_ros.diagnosis.batch import diagnose_records
+from microstage_ros.diagnosis.preprocessing.preparation import _limited, prepare
+from microstage_ros.diagnosis.prerequisites.prerequisites import find_known
+from microstage_ros.diagnosis.residuals.transmission_deflection import Windup
+from test.diagnosis.cases.plain_programmes import records
+
+
+@pytest.mark.parametrize(("effects", "seed", "slow"), [
+    ({"actuator_lag": {"time_s": 5.14e-4}}, 9710, "actuator_lag"), ({"transport_delay": {"delay_s": 4.66e-4}}, 9710, "transport_delay"),
+    ({"amplifier_gain": {"factor": 1.123}}, 9730, None)])
+def test_what_an_amplifier_makes_of_moves_with_rests_is_no_gap(axis, drive, effects, seed, slow):
+    """A lag was called a gap of 5.5 µm with an error of the screw, a gain had a gap, a payload and lines of the floor beside it."""
+    learn, held, base = records(axis, "self_tuning_observer", "half a stroke", effects, seed)
+    _, known = find_known({"learn": learn, "held": held, "base": base}, drive)
+    assert known.gap is None and not known.lines
+    assert (known.slow.effect if known.slow else None) == slow
+
+
+def test_an_offset_makes_no_line_of_the_floor_where_rests_repeat(axis, drive):
+    """The motor seems to drift in every rest: its mean there had lines at multiples of 0.6 Hz, three of which were taken for the floor's."""
+    learn, held, base = records(axis, "self_tuning_observer", "half a stroke", {"amplifier_offset": {"offset_V": -0.0173}}, 9740)
+    _, known = find_known({"learn": learn, "held": held, "base": base}, drive)
+    assert not known.lines and known.gap is None
+
+
+def test_a_payload_winds_up_the_drive_train_by_its_inertia_too(axis):
+    """Without it a gap was named beside the payload, of which a mass of less than nothing made up."""
+    learn, held, _ = records(axis, "self_tuning_observer", "there and back", {"payload_change": {"mass_kg": 5.86}}, 9860)
+    answer = diagnose_records(axis, learn, held, [], seed=0)
+    assert [cause.id for cause in answer.causes] == ["payload_change"] and not answer.rivals
+    assert answer.causes[0].parameters["mass_kg"].value == pytest.approx(5.86, rel=0.15)
+
+
+def test_the_wind_up_is_of_friction_and_inertia(axis, drive):
+    learn, _, _ = records(axis, "self_tuning_observer", "there and back", {}, 400)
+    channel = Windup(prepare(learn[0], drive), drive)
+    speed = channel.mean(learn[0]["stage_velocity_m_s"])
+    inertia = drive.mass * np.gradient(speed, channel.time)
+    assert np.ptp(inertia) > 0.5       # N: half of the friction
+    assert np.corrcoef(channel.load - channel.force, inertia)[0, 1] > 0.95
+
+
+def test_hits_do_not_move_the_motor_where_a_flank_carries_the_stage_before_and_after(axis, drive):
+    """Behind a gap of 8.3 µm the motor's place was off by 0.1 µm around every reversal: friction over speed and along the stroke."""
+    width = 0.026 * drive.radius
+    learn, _, _ = records(axis, "self_tuning_observer", "plain", {"backlash": {"width_rad": 0.026}}, 9750)
+    made = prepare(learn[0], drive, gap=width)
+    true = drive.lever * learn[0]["motor_angle_rad"][:len(made.time)]
+    turns = np.flatnonzero(np.diff(np.sign(learn[0]["reference_m"][60_000:105_000] - 1e-3)) != 0) + 60_000
+    off = made.position - true
+    for place in turns:       # a quarter of the sine before and after, where it turns round
+        piece = off[place - 6000: place + 6000]
+        assert np.ptp(piece) < 1.0e-7
+
+
+def test_an_amplifier_at_its_limit_puts_out_half_of_its_noise_less(drive):
+    """u_a = clip(u + noise, ±U): at the limit the mean is 0.4 σ short, which was an amplifier's gain of 1.00006 beside a heavy load."""
+    noise = drive.amplifier_noise * np.random.default_rng(1).normal(size=200_000)
+    voltage = drive.voltage_limit - drive.amplifier_noise * np.array([0.0, 0.5, 1.0, 3.0, 100.0])
+    for sign in (1.0, -1.0):
+        expected = [np.clip(sign * u + noise, -drive.voltage_limit, drive.voltage_limit).mean() for u in voltage]
+        assert _limited(sign * voltage, drive) == pytest.approx(expected, abs=4.0 * drive.amplifier_noise / np.sqrt(len(noise)))
