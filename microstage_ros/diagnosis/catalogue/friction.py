@@ -60,7 +60,8 @@ def _replayed_change(channel, frame, how):
     if "flow" in how and drive.actuator.law >= 0:   # the flow is carried by the blocks: so is what it is compared with
         plain = _kept(channel, "of blocks", lambda: replayed_force(drive.actuator, speed, COARSE * p.period,
                                                                    flow=np.zeros(len(speed))))
-    return channel.mean(changed - plain, COARSE)[:, None]
+    columns = channel.mean(changed - plain, COARSE)[:, None]
+    return columns if "flow" in how else channel.calm(columns)   # what flows does so at rest
 
 
 def _kept(channel, name, make):
@@ -167,7 +168,7 @@ def nonlinear_viscous(exponent, ends=0.0):
     def columns(channel, frame):
         w = channel.prepared.speed / frame.drive.radius
         size = -ends * np.expm1(-np.abs(w) / ends) if ends else np.abs(w)
-        return channel.mean(np.sign(w) * size ** exponent)[:, None]
+        return channel.calm(channel.mean(np.sign(w) * size ** exponent)[:, None])
     return columns
 
 

@@ -24,7 +24,7 @@ from microstage_ros.diagnosis.residuals.healthy import (
 from microstage_ros.diagnosis.residuals.mechanical import Mechanical, fit_spreads, stated_spreads
 from microstage_ros.diagnosis.residuals.position import Position
 from microstage_ros.diagnosis.residuals.resonance import Resonance
-from microstage_ros.diagnosis.residuals.systematic import systematic_of
+from microstage_ros.diagnosis.residuals.systematic import SYSTEMATIC
 from microstage_ros.diagnosis.residuals.transmission_deflection import Windup
 
 GROUPS = ("learn", "held", "base")
@@ -67,7 +67,7 @@ class Collection:
         """`Evidence` of one channel for some forms, summed over the records of a group; None if there are none."""
         records = [record[channel] for record in self.channels[group] if channel in record]
         parts = side_by_side(
-            lambda one: gather(one, forms, self.frame, self._systematic(channel), **self._noise(channel)), records
+            lambda one: gather(one, forms, self.frame, SYSTEMATIC.get(channel), **self._noise(channel)), records
         )
         return functools.reduce(operator.add, parts) if parts else None
 
@@ -75,11 +75,7 @@ class Collection:
         """The same as a `Growing`, which gathers a form when it is asked for; group ``raw``: the baseline's torque
         balance before anything was taken out of it."""
         records = self.raw if group == "raw" else [r[channel] for r in self.channels[group] if channel in r]
-        known = self._systematic(channel), self._noise(channel)
-        return Growing(records, forms, self.frame, known[0], **known[1]) if records else None
-
-    def _systematic(self, channel):
-        return systematic_of(channel, seen=bool(self.raw))
+        return Growing(records, forms, self.frame, SYSTEMATIC.get(channel), **self._noise(channel)) if records else None
 
     def _noise(self, channel):
         return {"spreads": self.spreads} if channel == "torque" else {}

@@ -22,6 +22,7 @@ from microstage_ros.diagnosis.preprocessing.motion import load_kernel
 from microstage_ros.diagnosis.preprocessing.preparation import MOTOR_NOISE
 from microstage_ros.diagnosis.preprocessing.smoothing import MEDIAN_SIZE
 from microstage_ros.diagnosis.preprocessing.whitening import whiten_states
+from microstage_ros.numerics.compiled import compiled
 
 # periods; derived: the smoothed load is 1/Σw² = 18 periods wide (`motion.load_kernel` of the shipped axis): shorter
 # blocks would read one load twice; and the next number that `friction.COARSE` divides
@@ -80,9 +81,10 @@ class Mechanical:
         viscous = drive.actuator.viscous * p.speed / drive.radius
         inertial = drive.lever * drive.mass * np.gradient(p.stage_speed, p.period)
         forces = self.mean(np.stack([p.actuator, viscous, guideway, inertial], axis=1))
-        self.friction, self.viscous, self.guideway, self.inertial = forces.T
-        self.stuck = self.mean(p.stuck)
         self.residual = self.torque - forces.sum(axis=1)
+        self._stays = _stays(self.position)
+        _, self.viscous, self.guideway, self.inertial = forces.T
+        self.friction, self.stuck = self.calm(np.stack([forces[:, 0], self.mean(p.stuck)], axis=1)).T
         self.own = np.zeros(len(self.residual))
         step = np.abs(np.diff(self.position, prepend=self.position[0]))
         self.step = np.where(step > LEAST_STEP, step, 0.0)
@@ -122,6 +124,15 @@ class Mechanical:
         out = upfirdn(weights, np.pad(values[:rows], edges, mode="edge"), down=block, axis=0)
         first = (lead + len(weights) - 1) // block
         return out[first:first + rows // block]
+
+    def calm(self, columns):
+        """``columns`` (blocks, k) with their mean as long as the motor stays within `LEAST_STEP` of a place.
+
+        At rest a replayed friction has the reading's noise, and so has the residual, with the other sign: a friction
+        in proportion to it would seem to be there, and to change sign at the next reversal.
+        """
+        counts = np.diff(np.append(self._stays, len(columns)))
+        return np.repeat(np.add.reduceat(columns, self._stays, axis=0) / counts[:, None], counts, axis=0)
 
     def coarse_friction(self, coarse):
         """Nominal actuator friction replayed with one step per ``coarse`` [1] periods (kept, many candidates need
@@ -187,6 +198,19 @@ def stated_spreads(drive):
         v.time_length,
         STUCK_SHARE * drive.actuator.static,
     )
+
+
+@compiled
+def _stays(position):
+    """Rows (k,) in which the motor first is further than `LEAST_STEP` from where it was in the one before; the first is
+    0."""
+    starts = np.zeros(position.size, np.int64)
+    count = 1
+    for k in range(1, position.size):
+        if abs(position[k] - position[starts[count - 1]]) > LEAST_STEP:
+            starts[count] = k
+            count += 1
+    return starts[:count]
 
 
 def span_of(position):

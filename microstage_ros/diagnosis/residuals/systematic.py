@@ -38,13 +38,3 @@ SYSTEMATIC: dict[str, dict] = {
         ("payload_change", "0.64"): 0.05,
     },
 }
-# the same where no baseline shows what the axis at hand has of it: at a reversal out of a rest the replay is by a three
-# hundredth of the friction ahead of the motor, whose place is known to a nanometre; calibrated by:
-# `test/diagnosis/cases/plain_programmes.py --kind healthy --no-baseline` (sizes of 0.2e-5 to 2.7e-5 by programme under
-# the shipped law, 0.02e-5 to 0.7e-5 under `self_tuning`; read off by hand, as no command prints them)
-UNSEEN = {"torque": {("nonlinear_viscous", "1,0.6"): 2.0e-5}}
-
-
-def systematic_of(channel, seen):
-    """{form key: standard deviation} of a ``channel``; ``seen``: whether there is a baseline."""
-    return {**SYSTEMATIC.get(channel, {}), **({} if seen else UNSEEN.get(channel, {}))}
