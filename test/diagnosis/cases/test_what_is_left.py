@@ -10,7 +10,7 @@ from microstage_ros.diagnosis.prerequisites import growth, lateness
 from microstage_ros.diagnosis.residuals.evidence import Evidence
 
 SPEED = np.linspace(-7.0, 7.0, 4001)       # rad/s, of a stroke at 2.2 mm/s
-CHANNEL = types.SimpleNamespace(prepared=types.SimpleNamespace(speed=SPEED), mean=lambda values: values)
+CHANNEL = types.SimpleNamespace(prepared=types.SimpleNamespace(speed=SPEED), mean=lambda values: values, calm=lambda columns: columns)
 FRAME = types.SimpleNamespace(drive=types.SimpleNamespace(radius=1.0))
 
 

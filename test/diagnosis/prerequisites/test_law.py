@@ -56,12 +56,12 @@ def test_the_force_alone_is_that_of_the_replay(axis, law, how):
 
 @pytest.mark.parametrize("law, seed", [("lugre", 1), ("leuven", 2)])
 def test_a_machine_of_another_law_is_judged_by_that_law(axis, law, seed):
-    """Its friction then seems to vary half as much, or less: over twelve seeds 0.11 to 0.53 of it was left."""
+    """What its sticking contact holds then seems to vary half as much, and what is random is the 3 % that are simulated."""
     prepared, drive = baseline(axis, law, seed)
     anew, with_law, found = own_law(prepared, drive)
     assert found.name == law and found.title in found.words
     before, after = random_part(prepared, drive), random_part(anew, with_law)
-    assert after[0] < 0.65 * before[0] and after[1] < 0.65 * before[1]
+    assert after[0] == pytest.approx(FRICTION, rel=0.3) and after[1] < 0.65 * before[1]
     assert with_law.guideway == drive.guideway
     assert (with_law.actuator.static, with_law.actuator.coulomb) == (drive.actuator.static, drive.actuator.coulomb)
 
@@ -75,11 +75,11 @@ def test_a_machine_of_the_files_law_keeps_it(axis, seed):
 
 @pytest.mark.parametrize("seed", [1])
 def test_a_law_that_is_not_asked_for_is_nearer_to_one_that_is(axis, seed):
-    """Elasto-plastic bristles: LuGre's leave half as much random friction as the file's blocks."""
+    """Elasto-plastic bristles: LuGre's leave half as much of what the sticking contact holds as the file's blocks."""
     prepared, drive = baseline(axis, "elasto_plastic", seed)
     anew, with_law, found = own_law(prepared, drive)
     assert found is not None
-    assert random_part(anew, with_law)[0] < 0.65 * random_part(prepared, drive)[0]
+    assert random_part(anew, with_law)[1] < 0.65 * random_part(prepared, drive)[1]
 
 
 def test_nothing_is_asked_without_a_baseline(axis):
