@@ -1,19 +1,21 @@
 """`diagnose` on records as a user makes them: the shipped axis under one of its laws, on short programmes.
 
     ./microstage shell python test/diagnosis/cases/plain_programmes.py [--law TYPE] [--programme NAME ...] [--effect NAME ...]
-        [--kind single|two|healthy] [--no-baseline] [--cases N] [--seed N] [--period S]
+        [--kind single|two|healthy] [--no-baseline | --baseline NAME ...] [--cases N] [--seed N] [--period S]
 
 One line per case: two records with the hidden effects to learn from, one to judge on, one healthy as the baseline, as
 `simulate` makes them. "right": all that is hidden is named, and nothing else; "rival": all of it is among the names and
 the open questions; "missed"; "WRONG": a name that was not hidden, or an open question without any that was. Behind it,
 for every number of the effect that the answer states, by how much it is off: relative, and in stated standard errors;
 of a healthy axis the largest residuals, over the thresholds above which they are findings.
+--baseline: the healthy record is of these programmes in turn, each other than that of the records.
 Friction along the stroke may be nearly even on the part of the stroke that a programme covers, and cannot be told then.
 --period: of the control, 1e-4 s.
 --cases: pairs or healthy axes of each programme (20), or how often each single effect is drawn (1).
 """
 
 import argparse
+import itertools
 import json
 import math
 from collections import Counter
@@ -55,11 +57,12 @@ PROGRAMMES = {
 }
 
 
-def records(axis, law, programme, effects, seed, period=1e-4):
+def records(axis, law, programme, effects, seed, period=1e-4, baseline=None):
     """([two to learn from], [one to judge on], [baseline]) under a ``law`` with ``effects`` {id: parameters}; ``seed`` [1] of the first; control
-    ``period`` [s]."""
-    run = {"period_s": period, "program": PROGRAMMES[programme], "controller": {"type": law}}
-    made = [simulated_record(axis, run_from_dict({**run, "effects": hidden}), seed + number) for number, hidden in enumerate([effects] * 3 + [{}])]
+    ``period`` [s]; ``baseline``: its programme, if it is another."""
+    run = {"period_s": period, "controller": {"type": law}}
+    made = [simulated_record(axis, run_from_dict({**run, "program": PROGRAMMES[name], "effects": hidden}), seed + number)
+            for number, (name, hidden) in enumerate([(programme, effects)] * 3 + [(baseline or programme, {})])]
     return made[:2], made[2:3], made[3:]
 
 
@@ -121,7 +124,9 @@ def main():
     parser.add_argument("--programme", nargs="+", choices=PROGRAMMES, default=list(PROGRAMMES))
     parser.add_argument("--effect", nargs="+", default=[])
     parser.add_argument("--kind", choices=("single", "two", "healthy"), default="single")
-    parser.add_argument("--no-baseline", action="store_true", help="diagnose without a record of the healthy axis")
+    known = parser.add_mutually_exclusive_group()
+    known.add_argument("--no-baseline", action="store_true", help="diagnose without a record of the healthy axis")
+    known.add_argument("--baseline", nargs="+", choices=PROGRAMMES, default=[], help="programmes of the healthy record")
     parser.add_argument("--cases", type=int)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--period", type=float, default=1e-4, help="control period [s]")
@@ -130,17 +135,17 @@ def main():
     unknown = set(options.effect) - set(effects_of(axis))
     if unknown:
         parser.error(f"--effect {' '.join(sorted(unknown))}: expected some of {', '.join(effects_of(axis))}")
-    for programme in options.programme:
-        for number, names in enumerate(cases_of(axis, options)):
+    for programme, baseline in itertools.product(options.programme, options.baseline or [None]):
+        for number, names in enumerate(cases_of(axis, options) if baseline != programme else []):
             effects = drawn(names, options.seed + number)
             if effects is None:
                 continue
-            learn, held, base = records(axis, options.law, programme, effects, 10 * (options.seed + number), options.period)
+            learn, held, base = records(axis, options.law, programme, effects, 10 * (options.seed + number), options.period, baseline)
             answer = diagnose_records(axis, learn, held, [] if options.no_baseline else base, seed=0)
             word = judged(answer, set(names))
             off = errors_of(answer, effects)
             count[word], errors = count[word] + 1, errors + off
-            print(word, programme, number, "+".join(names) or "healthy", answer.verdict, [cause.id for cause in answer.causes],
+            print(word, programme, *([f"beside {baseline}"] if baseline else []), number, "+".join(names) or "healthy", answer.verdict, [cause.id for cause in answer.causes],
                   [list(rivals.ids) for rivals in answer.rivals], *(f"{name} {100 * part:+.2g} % {sigmas:+.1f} s" for name, part, sigmas in off),
                   loudest(answer) if not names else "" if word == "right" else json.dumps(effects)[:120], flush=True)
     for word, found in count.items():
