@@ -167,7 +167,7 @@ def _choose(groups, prepared, drive, known, offset=0.0):
     found = ("backlash", "drive_compliance") if rattles else ("backlash",) if known.gap is not None else ()
     effects = [effect for effect in EFFECTS if effect not in found]
     own = [*periodic_forms(collection), *damped_forms(collection, known.train), *power_forms(collection),
-           *forms_of_slowness(groups, drive, known, collection), *([inertia_form()] if known.gap is not None else [])]
+           *forms_of_slowness(groups, drive, known, collection), inertia_form()]
     evidences = collection.evidences(within_travel([*(f for f in FORMS if f.channel != "command"), *own], collection))
     choices, _ = select(evidences, effects)
     course = find_course(collection, evidences, choices)

@@ -169,7 +169,8 @@ def _masses_agree(evidences, choice, choices):
     masses = {form.channel: sizes_of(evidences, choice, choices, form)[0]["mass_kg"][:2] for form in choice.forms}
     if evidences.frame.rattled_mass:    # behind a gap the rattle tells what the resonance would
         masses["resonance"] = (evidences.frame.rattled_mass, 0.0)
-    elif "torque" in masses and behind_gap(evidences):    # or the load on the guideways and the inertia, each alone
+    elif "torque" in masses and (behind_gap(evidences) or "drive_compliance" in {c.effect for c in choices}):
+        # or, as where the resonance is a soft drive's, the load on the guideways and the inertia, each alone
         two = mass_of_inertia(evidences, choices)
         return two is not None and all(abs(m) > DECISIVE * error for m, error in two) and alike(two[0][0], two[1][0])
     if not {"torque", "resonance"} <= set(masses):
