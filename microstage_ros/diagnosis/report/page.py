@@ -217,7 +217,7 @@ def _next(report):
                 "The residual goes with none of the coordinates examined; more records of other motions may show it."
             )
     if report["verdict"] == "agrees":
-        entries.append("Nothing. Keep these records: they can serve as --baseline later.")
+        entries.append("Nothing. Keep these records: if the axis moves in them, they can serve as --baseline later.")
     elif report["causes"]:
         entries.append("extended.yaml is the axis file with these causes; simulate and the driver run it as it is.")
     return entries
