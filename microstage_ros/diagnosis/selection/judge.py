@@ -84,8 +84,8 @@ LOOSE = {"generic:acceleration": 30.0, "generic:velocity": 3.0,     # 4.9 to 126
          "generic:friction in time": 3.0, "generic:viscous in time": 3.0, "generic:time": 3.0}  # 2.98 to 3.4; to 4.1
 #: Times that in the torque where no baseline says what the axis shows of the model's own errors; calibrated by:
 #: `test/diagnosis/cases/plain_programmes.py --kind healthy --no-baseline --cases 8 --seed 1500` and the same with
-#: `--law self_tuning` (0.51 of this by speed and 0.55 by acceleration at most; with `--cases 4 --seed 1700` and 1750, since
-#: friction at rest is its mean, 0.19 and 0.55)
+#: `--law self_tuning` (0.51 of this by speed and 0.55 by acceleration at most; with `--cases 4 --seed 1700` and 1750,
+#: since friction at rest is its mean, 0.19 and 0.55)
 UNSEEN_LOOSE = {"generic:velocity": 8.0, "generic:time": 5.0, "generic:acceleration": 3.0,
                 "generic:friction in time": 3.0, "generic:viscous in time": 3.0}
 
