@@ -29,8 +29,8 @@ STAGE_FUSION = 15
 # periods over which the position reading is smoothed where no current tells the travel; calibrated by: the same (at 15
 # and at 61 it is by 15 to 95 % worse)
 NO_CURRENT = 31
-# as `FUSION`, where the stage may rattle in a gap; calibrated by: the same (half as long is by 5 and 13 % worse, twice
-# as long by 3 and 6 % better, but over so long a gap may open and close)
+# as `FUSION`, where the stage may rattle in a gap; calibrated by: the same (half as long is by 8 and 17 % worse, twice
+# as long by 4 and 7 % better, but over so long a gap may open and close; --seed 5)
 GAP_FUSION = 1001
 HIT = 3               # periods of the stage's mean there; derived: the least that is one, as a hit lasts some ten
 # m: the back-EMF's travel is trusted below some 200 Hz, current and inertia above; calibrated by: validation.variation
