@@ -31,8 +31,9 @@ def test_an_offset_makes_no_line_of_the_floor_where_rests_repeat(axis, drive):
 
 
 def test_a_payload_winds_up_the_drive_train_by_its_inertia_too(axis):
-    """Without it a gap was named beside the payload, of which a mass of less than nothing made up. With the noise of
-    set 41 a soft drive is its rival."""
+    """Without it a gap was named beside the payload, of which a mass of less than nothing made up: in 12 of 12 records (seeds 90000 to
+    90110, steps of 10). Named alone in 7 of these beside a baseline now, in 6 without one; in 5 a gap of 0.3 µm still stands beside it,
+    which leaves as little as a drive that winds up more (not mended). With the noise of set 41 a soft drive is its rival."""
     learn, held, _ = records(axis, "self_tuning_observer", "there and back", {"payload_change": {"mass_kg": 5.86}}, 9860)
     answer = diagnose_records(axis, learn, held, [], seed=0)
     assert [cause.id for cause in answer.causes] == ["payload_change"] or [set(one.ids) for one in answer.rivals] == [
@@ -56,9 +57,10 @@ def test_hits_do_not_move_the_motor_where_a_flank_carries_the_stage_before_and_a
     learn, _, _ = records(axis, "self_tuning_observer", "plain", {"backlash": {"width_rad": 0.026}}, 9750)
     made = prepare(learn[0], drive, gap=width)
     true = drive.lever * learn[0]["motor_angle_rad"][:len(made.time)]
-    turns = np.flatnonzero(np.diff(np.sign(learn[0]["reference_m"][60_000:105_000] - 1e-3)) != 0) + 60_000
+    crossings = np.flatnonzero(np.diff(np.sign(learn[0]["reference_m"][60_000:105_000] - 1e-3)) != 0) + 60_000
     off = made.position - true
-    for place in turns:       # a quarter of the sine before and after, where it turns round
+    assert len(crossings) >= 4
+    for place in crossings:       # of the sine's middle; 0.6 s before and after are beyond the turns, half a second away
         piece = off[place - 6000: place + 6000]
         assert np.ptp(piece) < 1.0e-7
 
@@ -77,12 +79,12 @@ def test_noise_of_the_reading_at_rest_is_no_friction_after_it(axis, drive):
 
 @pytest.mark.parametrize("law", ["self_tuning_observer", "self_tuning"])
 def test_a_healthy_axis_agrees_with_a_baseline_of_another_programme(axis, law):
-    """`unexplained` in half of such cases."""
+    """`unexplained`, as in 26 of 84 cases of five programmes beside each other's baseline."""
     learn, held, base = records(axis, law, "there and back", {}, 50370, baseline="plain")
     assert diagnose_records(axis, learn, held, base, seed=0).verdict == "agrees"
 
 
-def test_an_amplifier_at_its_limit_puts_out_half_of_its_noise_less(drive):
+def test_an_amplifier_at_its_limit_cuts_off_half_of_its_noise(drive):
     """u_a = clip(u + noise, ±U): at the limit the mean is 0.4 σ short, which was an amplifier's gain of 1.00006 beside a heavy load."""
     noise = drive.amplifier_noise * np.random.default_rng(1).normal(size=200_000)
     voltage = drive.voltage_limit - drive.amplifier_noise * np.array([0.0, 0.5, 1.0, 3.0, 100.0])

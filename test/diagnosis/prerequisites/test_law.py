@@ -56,7 +56,8 @@ def test_the_force_alone_is_that_of_the_replay(axis, law, how):
 
 @pytest.mark.parametrize("law, seed", [("lugre", 1), ("leuven", 2)])
 def test_a_machine_of_another_law_is_judged_by_that_law(axis, law, seed):
-    """What its sticking contact holds then seems to vary half as much, and what is random is the 3 % that are simulated."""
+    """What its sticking contact holds then seems to vary half as much, and what is random is the 3 % that are simulated: 0.030 to 0.049
+    of six machines (seeds 1 to 4 of LuGre's law, 1 and 2 of Leuven's; 0.032 to 0.100 before)."""
     prepared, drive = baseline(axis, law, seed)
     anew, with_law, found = own_law(prepared, drive)
     assert found.name == law and found.title in found.words
