@@ -22,7 +22,7 @@ from microstage_ros.diagnosis.prerequisites.lateness import forms_of_slowness
 from microstage_ros.diagnosis.prerequisites.lost_motion import shows_no_gap
 from microstage_ros.diagnosis.prerequisites.periods import periodic_forms, within_travel
 from microstage_ros.diagnosis.prerequisites.prerequisites import find_known, slow_beside
-from microstage_ros.diagnosis.prerequisites.resonant import damped_forms
+from microstage_ros.diagnosis.prerequisites.resonant import FAR, damped_forms, with_likelier_damping
 from microstage_ros.diagnosis.prerequisites.slow_drift import Course, find_course, take_out
 from microstage_ros.diagnosis.prerequisites.timing import with_scatter
 from microstage_ros.diagnosis.report.pictures import drift_picture, gap_picture, pictures_of
@@ -35,6 +35,7 @@ from microstage_ros.diagnosis.selection import judge, limit_cycle
 from microstage_ros.diagnosis.selection.agreement import unsteadiness
 from microstage_ros.diagnosis.selection.calibration import likely, probability
 from microstage_ros.diagnosis.selection.leftover import over_twin, remains, scatter_findings, swings_in_time
+from microstage_ros.diagnosis.selection.mass_or_drive import RESONANT, seeming_stiffness
 from microstage_ros.diagnosis.selection.nonregression_causes import nonregression_causes
 from microstage_ros.diagnosis.selection.refinement import about_their_sizes, refine
 from microstage_ros.diagnosis.selection.selection import select
@@ -42,13 +43,12 @@ from microstage_ros.diagnosis.selection.sizes import (
     before_the_gain,
     effect_of,
     offset_of,
+    pooled,
     stated_sizes,
     with_payload,
     with_rattled_mass,
 )
-from microstage_ros.diagnosis.selection.splinters import (
-    one_force,
-)
+from microstage_ros.diagnosis.selection.splinters import one_force
 from microstage_ros.quantities.errors import InputError
 
 EFFECTS = tuple(sorted({form.effect for form in FORMS if form.named and form.channel != "command"}))
@@ -98,6 +98,7 @@ def diagnose_case(axis, records, holdout=(), baseline=(), seed=0, twin=()):
     if anew is not None:
         prepared, known = anew
         chosen = _choose(groups, prepared, drive, known, chosen.collection.frame.drive.offset)
+    prepared, known, chosen = _behind_windup(groups, prepared, drive, known, chosen)
     collection, evidences, choices = chosen.collection, chosen.evidences, chosen.choices
     course, effects = chosen.course, chosen.effects
     notes += [chosen.law.words] if chosen.law is not None else []
@@ -154,6 +155,22 @@ def _beside_offset(groups, prepared, drive, known):
             break
         chosen = _choose(groups, prepared, drive, known, offset)
     return chosen
+
+
+def _behind_windup(groups, prepared, drive, known, chosen):
+    """``prepared``, ``known`` and ``chosen``, anew where the wind-up tells a drive train far from the model's that was
+    too faint in the resonance to be known before: the stage's motion is computed with it."""
+    choice = next((c for c in chosen.choices if c.effect in RESONANT), None)
+    if choice is None or known.train is not None or known.gap is not None:
+        return prepared, known, chosen
+    others = [c for c in chosen.choices if c is not choice]
+    stiffness = (seeming_stiffness(chosen.evidences, choice, others) or (1.0,))[0]
+    if FAR * stiffness > 1.0:
+        return prepared, known, chosen
+    channels = [c["resonance"] for c in chosen.collection.channels["learn"] if "resonance" in c]
+    known = dataclasses.replace(known, train=with_likelier_damping(channels, stiffness))
+    prepared = known.prepare(groups, drive, prepared)
+    return prepared, known, _choose(groups, prepared, drive, known, chosen.collection.frame.drive.offset)
 
 
 def _choose(groups, prepared, drive, known, offset=0.0):
@@ -271,15 +288,14 @@ def _swings(collection):
 
 def _cause(evidences, choice, choices, units):
     """`Cause` of a selected effect; its share is filled in at the end."""
-    parameters, effect = {}, {}
+    sizes, effect = {}, {}
     for form in choice.forms:
         fitted, entry = stated_sizes(evidences, choice, choices, form)
-        for name, (value, stderr, unit) in fitted.items():
-            known = parameters.get(name)
-            if known is None or stderr < known.stderr:
-                parameters[name] = Parameter(value, stderr, unit)
-                effect |= {name: entry[name]} if name in entry else entry
+        for name, size in fitted.items():
+            sizes.setdefault(name, []).append(Parameter(*size))
         effect = {**entry, **effect}
+    parameters = {name: pooled(several) for name, several in sizes.items()}
+    effect |= {name: parameters[name].value for name, several in sizes.items() if len(several) > 1 and name in effect}
     channel, gain = judge.cause_gain(evidences, choice, choices, units)
     return Cause(choice.effect, parameters, effect, 0.0, 0.0, gain, channel)
 

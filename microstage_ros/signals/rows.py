@@ -33,5 +33,6 @@ def bridged(values: np.ndarray) -> np.ndarray:
     seen = np.isfinite(values)
     if seen.all():
         return np.asarray(values, float)
-    rows = np.arange(len(values))
-    return np.interp(rows, rows[seen], values[seen])
+    filled, missing = np.array(values, float), np.flatnonzero(~seen)
+    filled[missing] = np.interp(missing, np.flatnonzero(seen), values[seen])
+    return filled

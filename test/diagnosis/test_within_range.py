@@ -9,7 +9,7 @@ from microstage_ros.diagnosis import batch
 from microstage_ros.diagnosis.catalogue import FORMS
 from microstage_ros.diagnosis.report.within_range import within_range
 from microstage_ros.diagnosis.result import Cause, Diagnosis, Improvement, Parameter
-from microstage_ros.diagnosis.selection.sizes import with_payload
+from microstage_ros.diagnosis.selection.sizes import pooled, with_payload
 from microstage_ros.model.axis_file import load_axis
 from microstage_ros.model.effects import check_effects
 from microstage_ros.places import config_file
@@ -40,6 +40,16 @@ def test_a_size_out_of_range_while_fitting_ends_in_a_verdict(monkeypatch):
     monkeypatch.setattr(batch, "diagnose_case", lambda *_: check_effects({"amplifier_gain": {"factor": 0.0041}}))
     found = batch.diagnose_records(AXIS, [], [], [], 7)
     assert found.verdict == "unexplained" and found.seed == 7 and "amplifier_gain.factor came out as 0.0041" in found.notes[0]
+
+
+def test_a_size_that_several_channels_tell_is_their_weighted_mean_and_knows_how_they_disagree():
+    """A mass of 4.8 ± 0.3 kg was stated, by the resonance alone, where torque and wind-up told 5.5 ± 0.5 and 5.7 ± 0.4 of 5.86 kg."""
+    alone, agreed, apart = (pooled([Parameter(v, e, "kg") for v, e in told]) for told in (
+        [(5.0, 0.3)], [(5.0, 0.3), (5.1, 0.4)], [(4.0, 0.3), (6.0, 0.3)]))
+    assert (alone.value, alone.stderr) == (5.0, 0.3)
+    assert agreed.value == pytest.approx((5.0 / 0.09 + 5.1 / 0.16) / (1 / 0.09 + 1 / 0.16)) and agreed.stderr == 0.3
+    assert apart.value == pytest.approx(5.0) and apart.stderr == pytest.approx(1.0)      # the scatter of the mean of two
+    assert apart.unit == "kg"
 
 
 def test_other_errors_pass(monkeypatch):

@@ -12,7 +12,7 @@ from scipy.stats import norm
 
 from microstage_ros.diagnosis.preprocessing.friction_replay import replay, replayed_force
 from microstage_ros.diagnosis.preprocessing.motion import smooth_motion
-from microstage_ros.diagnosis.preprocessing.smoothing import triangle
+from microstage_ros.diagnosis.preprocessing.smoothing import reading_noise, triangle
 from microstage_ros.diagnosis.preprocessing.transmitted_force import offset_where_closed
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.signals.current import between_readings, settled_current
@@ -111,6 +111,11 @@ class Prepared:
     closed: np.ndarray | None = None
     count: float = 0.0
     shake: np.ndarray | float = 0.0
+
+    @functools.cached_property
+    def stage_noise(self):
+        """Standard deviation of the white noise of ``stage`` [m]."""
+        return reading_noise(self.stage)
 
 
 def prepare(record, drive, amplifier=None, lines=(), gap=0.0, course=None, pull=0.0):

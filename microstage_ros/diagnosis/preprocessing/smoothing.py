@@ -1,6 +1,8 @@
-"""Centred running means, without phase, and the white noise of a reading."""
+"""Centred running means, without phase, means over blocks, and the white noise of a reading."""
 
 import numpy as np
+
+from microstage_ros.numerics.compiled import compiled
 
 QUARTILES = 1.349       # interquartile range of a Gaussian of unit variance; derived: 2 Φ⁻¹(3/4)
 MEDIAN_SIZE = 0.6745    # median of its sizes; derived: Φ⁻¹(3/4)
@@ -21,6 +23,26 @@ def _boxcar(values, width):
     padded = np.pad(values, width // 2, mode="edge")
     sums = np.cumsum(np.concatenate([[0.0], padded]))
     return (sums[width:] - sums[:-width]) / width
+
+
+def block_means(values, block):
+    """Means of a signal, ``values`` of shape (n,) or (n, k), over every ``block`` [1] of its rows: (n // block,) or
+    (n // block, k), in the same unit."""
+    rows = len(values) // block * block
+    if values.ndim > 1 and values.shape[1] > 1:      # numpy's sum over an axis before the last takes ten times as long
+        return _sums(np.ascontiguousarray(values, float), block) / block
+    return values[:rows].reshape(-1, block, *values.shape[1:]).mean(axis=1)
+
+
+@compiled
+def _sums(values, block):
+    sums = np.empty((len(values) // block, values.shape[1]))
+    for row in range(len(sums)):
+        sums[row] = values[row * block]
+        for n in range(row * block + 1, (row + 1) * block):
+            for k in range(values.shape[1]):
+                sums[row, k] += values[n, k]
+    return sums
 
 
 def reading_noise(reading):

@@ -8,7 +8,7 @@ must stand in all learning records together, again in the held-out ones, and not
 import dataclasses
 
 import numpy as np
-from scipy.ndimage import binary_opening, uniform_filter1d
+from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 from scipy.optimize import minimize_scalar
 from scipy.stats import gamma
 
@@ -100,7 +100,8 @@ class Spectrum:
         self.count = max(int(self.mask.sum()), 1)
         self.off = self.mask & (channel.mean(p.off.astype(float)) == 1.0)
         # and not where the stage only turns round: what a sine repeats there has lines at its harmonics
-        self.lasting = binary_opening(self.mask, np.ones(LASTING))
+        self.lasting = maximum_filter1d(minimum_filter1d(self.mask, LASTING, mode="constant"), LASTING,
+                                        mode="constant", origin=-1)
         scale = np.sqrt(np.mean(self.values[self.mask] ** 2)) if self.mask.any() else 1.0
         self.values = self.values / max(scale, TINY)
         self.scale = scale

@@ -233,8 +233,8 @@ def _replayed(prepared, drive):
     width = _refined(channels["learn"], first)
     if width < LEAST or _explained(channels["learn"], width, _losses, usual) < EXPLAINS:
         return None
-    if _wound_up(channels["learn"]) < _losses(channels["learn"], width):
-        return None
+    if _wound_up(channels["learn"]) < max(_losses(channels["learn"], width), usual):
+        return None     # more wind-up explains it better, or leaves nothing for a gap to explain
     # a record that crosses the gap a few times only may lose its place in it: then the others must agree one by one
     alone = (
         min(_explained([c], width, _losses, usual) for c in channels["learn"]) if len(channels["learn"]) > 1 else 0.0

@@ -94,6 +94,14 @@ def fit_train(learn, base, near=None):
     return Train(stiffness, damping, before, float(fit.fun), alone)
 
 
+def with_likelier_damping(learn, stiffness):
+    """`Train` of a factor ``stiffness`` [1] that the wind-up told, with the model's damping, or with that of a mass,
+    which falls by the same factor, whichever leaves less in the resonance channels ``learn``."""
+    left = {damping: _left_with_load(learn, stiffness=stiffness, damping=damping)[0] for damping in (1.0, stiffness)}
+    damping = min(left, key=lambda factor: left[factor])
+    return Train(stiffness, damping, _energy(learn, 1.0, 1.0), left[damping], left[1.0])
+
+
 def _bounds():
     """Of the logarithms of stiffness and damping, by the effect's largest factors: where nothing depends on one of them
     the search would go for ever."""

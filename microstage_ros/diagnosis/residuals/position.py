@@ -11,7 +11,7 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d
 
 from microstage_ros.diagnosis.catalogue.form import splines
-from microstage_ros.diagnosis.preprocessing.smoothing import REST_SPEED, reading_noise, triangle
+from microstage_ros.diagnosis.preprocessing.smoothing import REST_SPEED, block_means, reading_noise, triangle
 from microstage_ros.diagnosis.preprocessing.whitening import whiten_states
 
 BLOCK = 5   # periods; derived: half a millisecond, as `resonance.BLOCK`, at 10 kHz
@@ -103,8 +103,7 @@ class Position:
 
     def mean(self, values):
         """Block means of a signal, ``values`` of shape (n,) or (n, k)."""
-        rows = len(values) // BLOCK * BLOCK
-        return values[:rows].reshape(-1, BLOCK, *values.shape[1:]).mean(axis=1)
+        return block_means(values, BLOCK)
 
     def nuisance(self):
         """Columns (blocks, k) [1] that are free: the homing offset, one constant per record, or the record's own

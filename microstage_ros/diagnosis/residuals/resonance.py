@@ -16,7 +16,7 @@ from scipy.ndimage import median_filter, uniform_filter1d
 
 from microstage_ros.diagnosis.preprocessing.motion import smooth_motion
 from microstage_ros.diagnosis.preprocessing.preparation import SHARE_ROWS, TRAVEL_NOISE, stage_filter
-from microstage_ros.diagnosis.preprocessing.smoothing import MEDIAN_SIZE, reading_noise
+from microstage_ros.diagnosis.preprocessing.smoothing import MEDIAN_SIZE, block_means
 from microstage_ros.diagnosis.residuals.transmission_deflection import LEAST_NOISE
 from microstage_ros.numerics.compiled import compiled
 from microstage_ros.signals.travel import motor_travel
@@ -51,13 +51,12 @@ class Resonance:
         self.force = p.guideway + drive.guideway.viscous * p.stage_speed
         self._nominal = self.predict()
         self.residual = self.mean(p.stage - p.stage[0]) - self._nominal
-        self.noise = reading_noise(p.stage) / np.sqrt(self.block)
+        self.noise = p.stage_noise / np.sqrt(self.block)
         self.weight = self._weight()
 
     def mean(self, values):
         """Block means of a signal, ``values`` of shape (n,) or (n, k)."""
-        rows = len(values) // self.block * self.block
-        return values[:rows].reshape(-1, self.block, *values.shape[1:]).mean(axis=1)
+        return block_means(values, self.block)
 
     def predict(self, stiffness=1.0, damping=1.0, mass=1.0, load=1.0):
         """Stage position from the motor's [m], in block means, with the factors ``stiffness``, ``damping``, ``mass``

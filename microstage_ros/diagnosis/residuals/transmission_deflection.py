@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from microstage_ros.diagnosis.preprocessing.smoothing import reading_noise, spread_of
+from microstage_ros.diagnosis.preprocessing.smoothing import block_means, spread_of
 from microstage_ros.diagnosis.preprocessing.whitening import whiten_states
 from microstage_ros.diagnosis.residuals import mechanical
 
@@ -57,8 +57,7 @@ class Windup:
 
     def mean(self, values):
         """Block means of a signal, ``values`` of shape (n,) or (n, k)."""
-        rows = len(values) // BLOCK * BLOCK
-        return values[:rows].reshape(-1, BLOCK, *values.shape[1:]).mean(axis=1)
+        return block_means(values, BLOCK)
 
     def integral(self, voltage):
         """Stage position [m] that a voltage (n,) or (n, k) at the motor's terminals would add, in block means."""
@@ -84,7 +83,7 @@ class Windup:
         # where the load turns round within a block, its mean depends on the very moment
         edge = EDGE * np.maximum(np.abs(change) - WALKED * walk, 0.0)
         edge = np.maximum(np.append(edge, 0.0), np.insert(edge, 0, 0.0))
-        resting = reading_noise(self.prepared.stage) ** 2 / BLOCK
+        resting = self.prepared.stage_noise ** 2 / BLOCK
         white = resting + np.maximum(rattle**2 - (2.0 * usual) ** 2, 0.0) + edge**2
         if self.prepared.closed is not None:    # what is bridged while no flank touches says nothing
             white += np.where(self.mean(self.prepared.closed) > 0.0, 0.0, np.ptp(self.prepared.behind) ** 2)

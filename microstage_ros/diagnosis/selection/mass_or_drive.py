@@ -1,13 +1,14 @@
-"""A payload or a soft drive: which of the two names the resonance and the torque balance together allow."""
+"""A payload, a soft drive or both: which of these the resonance and the torque balance together allow."""
 
 import math
 
 from microstage_ros.diagnosis.catalogue.drive import INERTIA
 from microstage_ros.diagnosis.residuals.evidence_set import Choice, Evidences
 from microstage_ros.diagnosis.selection.agreement import LEADING_ODDS, log_odds, size_beyond_baseline
-from microstage_ros.diagnosis.selection.sizes import CAUTION, sizes_of
+from microstage_ros.diagnosis.selection.sizes import CAUTION, LEAST_MASS_SHARE, sizes_of
 
 RESONANT = ("payload_change", "drive_compliance")
+FAST = ("resonance", "windup")      # channels in which they are one another's shape
 # share of a soft drive's gain in resonance and wind-up from which a payload explains them as well: the drive would have
 # lost its damping in the proportion of its stiffness; and share below which it is none; calibrated by: microstage
 # campaign --world second --kind single --effect payload_change and drive_compliance, the latter with --strength 0.07
@@ -18,6 +19,7 @@ ALIKE, UNLIKE = 0.9, 0.5
 # which the torque balance told two fifths)
 ALIKE_MASS, LEAST_ALIKE = 0.4, 0.25
 DECISIVE = 4.0   # standard errors; derived: a chance of 6·10⁻⁵ on both sides
+CONFIRMED = 3.0       # standard errors of either of two that must agree; derived: a chance of 2·10⁻⁶ of both
 
 
 def behind_gap(evidences):
@@ -43,6 +45,64 @@ def mass_of_inertia(evidences, others):
             (mass * float(beta[-2] + beta[-1]), mass * math.sqrt(covariance.sum())))
 
 
+def mass_confirmed(evidences, others):
+    """Whether the load on the guideways and the stage's inertia each tell a mass in the torque balance beside
+    ``others``, and the same one."""
+    two = mass_of_inertia(evidences, others)
+    return two is not None and all(abs(mass) > CONFIRMED * error for mass, error in two) and alike(two[0][0], two[1][0])
+
+
+def payload_on_another_drive(evidences, choice, others):
+    """`Choice` of the payload that the torque balance tells where the ``choice`` of ``drive_compliance`` is another
+    drive train, too; else None."""
+    left = _stiffness_beside_mass(evidences, choice, others)
+    if left is None or left[0] <= left[2] and left[1] >= -left[2]:
+        return None
+    return Choice("payload_change", (_torque_form(evidences),))
+
+
+def _stiffness_beside_mass(evidences, choice, others):
+    """What is left of the stiffness of a ``choice`` of ``drive_compliance`` beside the mass that the torque balance
+    tells: the least and the most of ln K_c by load and inertia, by each alone and by both, and `DECISIVE` standard
+    errors [1]; None where the balance tells none.
+
+    Of a mass M on a stage m, resonance and wind-up tell K_c m/(m + M).
+    """
+    form = _torque_form(evidences)
+    if form is None or behind_gap(evidences) or not mass_confirmed(evidences, others):
+        return None
+    own = evidences.frame.drive.mass
+    mass, error, _ = sizes_of(evidences, Choice("payload_change", (form,)), others, form)[0]["mass_kg"]
+    seems, stderr = seeming_stiffness(evidences, choice, others) or (None, None)
+    if seems is None or abs(mass) < DECISIVE * error:
+        return None
+    masses = (mass, *(value for value, _ in mass_of_inertia(evidences, others)))
+    logs = [math.log(seems * max(own + value, LEAST_MASS_SHARE * own) / own) for value in masses]
+    return min(logs), max(logs), DECISIVE * math.hypot(stderr / seems, error / (own + mass))
+
+
+def seeming_stiffness(evidences, choice, others):
+    """Factor [1] on the drive train's stiffness, and its standard error, that resonance and wind-up of a ``choice`` of
+    one of `RESONANT` tell; None where it has neither. A mass M on a stage m seems to be one of m/(m + M)."""
+    own, found = evidences.frame.drive.mass, []
+    for form in (form for form in choice.forms if form.channel in FAST):
+        sizes = sizes_of(evidences, choice, others, form)[0]
+        if "mass_kg" in sizes:
+            mass, error, _ = sizes["mass_kg"]
+            whole = max(own + mass, LEAST_MASS_SHARE * own)
+            found.append((own / whole, own * error / whole**2))
+        else:
+            found.append(sizes["stiffness_factor"][:2])
+    return min(found, key=lambda size: size[1] / size[0]) if found else None
+
+
+def _torque_form(evidences):
+    """`Form` of ``payload_change`` in the torque, or None where there is no torque."""
+    if "torque" not in evidences.learn:
+        return None
+    return next((f for f in evidences.forms if f.effect == "payload_change" and f.channel == "torque"), None)
+
+
 def shown_by_rattle(evidences, choice):
     """Whether a rattle in a gap tells a payload, too: then what else is left in the torque is no matter of it."""
     return choice.effect == "payload_change" and evidences.frame.rattled_mass != 0.0
@@ -56,9 +116,9 @@ def alike(mass, other):
 def torque_mass(evidences, choice, others):
     """Mass [kg] that the torque balance tells beside ``others``, its standard error, and the one that the resonance or
     the wind-up of ``choice`` (a `Choice` of ``payload_change``) tells; None where a channel is missing."""
-    form = next((f for f in evidences.forms if f.effect == "payload_change" and f.channel == "torque"), None)
-    fast = [f for f in choice.forms if f.channel in ("resonance", "windup")]
-    if form is None or "torque" not in evidences.learn or not fast:
+    form = _torque_form(evidences)
+    fast = [f for f in choice.forms if f.channel in FAST]
+    if form is None or not fast:
         return None
     mass, stderr, _ = sizes_of(evidences, choice, others, form)[0]["mass_kg"]
     from_torque = min((sizes_of(evidences, choice, others, f)[0]["mass_kg"] for f in fast), key=lambda size: size[1])
@@ -73,17 +133,19 @@ def resonance_is(evidences, trials, others):
     payload, drive = trials["payload_change"], trials["drive_compliance"]
     if payload is None or drive is None or behind_gap(evidences):
         return None
-    fast = ("resonance", "windup")
     gains = [
         sum(
             evidences.channel_gain(ch, [*others, t.choice]) - evidences.channel_gain(ch, others)
-            for ch in fast
+            for ch in FAST
             if ch in evidences.learn
         )
         for t in (payload, drive)
     ]
     if gains[0] < UNLIKE * gains[1]:     # a damping that does not follow the stiffness: no mass does that
         return "drive_compliance"
+    left = _stiffness_beside_mass(evidences, drive.choice, others)
+    if left is not None and left[0] <= left[2] and left[1] >= -left[2]:
+        return "payload_change"      # all of the resonance is the mass's
     if gains[0] < ALIKE * gains[1]:
         return "open" if _mass_of_a_soft_drive(evidences, drive.choice, others) else "drive_compliance"
     from_torque = torque_mass(evidences, payload.choice, others)
@@ -118,9 +180,9 @@ def _mass_of_a_soft_drive(evidences, choice, others):
 
     K_c times k moves the resonance as a mass of m/k; a soft drive shows no inertia in the torque.
     """
-    form = next((f for f in evidences.forms if f.effect == "payload_change" and f.channel == "torque"), None)
+    form = _torque_form(evidences)
     fast = next((f for f in choice.forms if f.channel == "resonance"), None)
-    if form is None or fast is None or "torque" not in evidences.learn:
+    if form is None or fast is None:
         return False
     soft, _, _ = sizes_of(evidences, choice, others, fast)[0]["stiffness_factor"]
     mass, stderr, _ = sizes_of(evidences, Choice("payload_change", (form,)), others, form)[0]["mass_kg"]

@@ -10,11 +10,13 @@ from microstage_ros.diagnosis.residuals.evidence_set import Choice, Evidences, T
 from microstage_ros.diagnosis.selection.agreement import agrees_with_itself, in_baseline, is_wave_of_baseline
 from microstage_ros.diagnosis.selection.mass_or_drive import (
     DECISIVE,
+    FAST,
     RESONANT,
     alike,
     behind_gap,
     mass_beyond_baseline,
-    mass_of_inertia,
+    mass_confirmed,
+    payload_on_another_drive,
     resonance_is,
 )
 from microstage_ros.diagnosis.selection.sizes import sizes_of, width
@@ -49,13 +51,19 @@ ONE_RESONANCE = 0.5          # of the gain of payload and soft drive, that the p
 # by how much less a simpler effect may explain than one that contains it: χ², or a share; calibrated by:
 # validation.margins --kind single --world second --seed 18011 --cases 60 (23.9 to 25.3 and 0.050 to 0.0605)
 SIMPLER, SIMPLER_SHARE = 25.0, 0.06
+# a tilt is a cable that pulls alike everywhere; derived: a constant force and a spring's are linear in their sizes, and
+# neither is a model's error
+EXACTLY_PART = ("gravity_tilt",)
 MISFIT = 0.5                 # a wider shape may explain at most this share beside the named one
 
 
 def best_forms(evidences, effect, choices):
     """The effect in its best form of each channel, beside ``choices``: a `Trial`, or None if no form makes sense."""
     used, gain, sizes = [], 0.0, 0
+    beside_drive = effect == "payload_change" and any(c.effect == "drive_compliance" for c in choices)
     for channel in evidences.learn:
+        if beside_drive and channel in FAST:
+            continue        # what swings there is the drive's
         forms = [form for form in evidences.forms if form.effect == effect and form.channel == channel]
         keys = Evidences._keys(channel, choices)
         before = evidences.channel_gain(channel, choices)
@@ -170,9 +178,7 @@ def _masses_agree(evidences, choice, choices):
     if evidences.frame.rattled_mass:    # behind a gap the rattle tells what the resonance would
         masses["resonance"] = (evidences.frame.rattled_mass, 0.0)
     elif "torque" in masses and (behind_gap(evidences) or "drive_compliance" in {c.effect for c in choices}):
-        # or, as where the resonance is a soft drive's, the load on the guideways and the inertia, each alone
-        two = mass_of_inertia(evidences, choices)
-        return two is not None and all(abs(m) > DECISIVE * error for m, error in two) and alike(two[0][0], two[1][0])
+        return mass_confirmed(evidences, choices)     # as the resonance is the soft drive's
     if not {"torque", "resonance"} <= set(masses):
         return False
     (friction, stderr), (resonance, _) = masses["torque"], masses["resonance"]
@@ -214,7 +220,7 @@ def select(evidences, effects):
     renamed = _renamed(evidences, choices, effects)
     if renamed != choices:
         choices, lost = forward(balance, prune(evidences, renamed), most)
-    choices = mass_or_stiffness(evidences, _one_resonance(evidences, choices))
+    choices = mass_or_stiffness(evidences, choices)
     best = level_or_viscous(evidences, choices)
     if best is not None:
         choices = [best if c.effect in FRICTIONS else c for c in choices]
@@ -276,13 +282,19 @@ def mass_or_stiffness(evidences, choices):
 
     A mass loads the guideways and takes torque at accelerations of any frequency; a soft drive takes none away from its
     resonance. Where the balance tells a mass that agrees with the resonance's, it is a payload; where it excludes that
-    mass, a soft drive.
+    mass, a soft drive; where it tells another one, both.
     """
-    own = [c for c in choices if c.effect in RESONANT]
-    if len(own) != 1:
+    others = [c for c in choices if c.effect not in RESONANT]
+    if len(others) == len(choices):
         return choices
-    others = [c for c in choices if c is not own[0]]
     trials = {effect: best_forms(evidences, effect, others) for effect in RESONANT}
+    drive = trials["drive_compliance"]
+    payload = payload_on_another_drive(evidences, drive.choice, others) if drive is not None else None
+    if payload is not None:
+        return [*others, drive.choice, payload]
+    choices = _one_resonance(evidences, choices)
+    if sum(c.effect in RESONANT for c in choices) != 1:
+        return choices
     said = resonance_is(evidences, trials, others)
     if said in RESONANT and acceptable(evidences, trials[said], others):
         return [*others, trials[said].choice]
@@ -351,11 +363,18 @@ def _simpler(evidences, winner, trials, choices):
     """The simpler effect that the winner contains, if it explains as much, or more of the held-out records."""
     for trial in trials:
         wider = winner.choice.effect in CONTAINS.get(trial.choice.effect, ())
-        pairs = (trial.gain, winner.gain), (trial.held, winner.held)
-        as_much = all(own > other - max(SIMPLER, SIMPLER_SHARE * other) for own, other in pairs)
-        if wider and (as_much or trial.held > winner.held) and acceptable(evidences, trial, choices):
+        if wider and (_as_much(trial, winner) or trial.held > winner.held) and acceptable(evidences, trial, choices):
             return trial
     return winner
+
+
+def _as_much(trial, wider):
+    """Whether a `Trial` explains as much as one of a wider effect that contains it: down to noise where the forms of
+    both are exact."""
+    if trial.choice.effect in EXACTLY_PART:
+        return wider.gain + wider.held - 2 * wider.sizes - (trial.gain + trial.held - 2 * trial.sizes) < RIVAL_MARGIN
+    pairs = (trial.gain, wider.gain), (trial.held, wider.held)
+    return all(own > other - max(SIMPLER, SIMPLER_SHARE * other) for own, other in pairs)
 
 
 def prune(evidences, choices):

@@ -77,6 +77,20 @@ def stated_sizes(evidences, choice, others, form):
     return _with_form_error(parameters, form), effect
 
 
+def pooled(sizes):
+    """`Parameter` that several channels tell, ``sizes`` (a list of `Parameter`): their mean weighted by the inverse
+    variances, with a standard error that grows as they disagree, by the Birge ratio √(χ²/(n − 1)), and is no smaller
+    than the least of theirs, which may share what they err by. Source: R. T. Birge, The calculation of errors by the
+    method of least squares, Phys. Rev. 40 (1932) 207."""
+    if len(sizes) == 1:
+        return sizes[0]
+    weights = [1.0 / size.stderr**2 for size in sizes]
+    mean = sum(weight * size.value for weight, size in zip(weights, sizes)) / sum(weights)
+    spread = sum(weight * (size.value - mean) ** 2 for weight, size in zip(weights, sizes)) / (len(sizes) - 1)
+    stderr = math.sqrt(max(spread, 1.0) / sum(weights))
+    return dataclasses.replace(sizes[0], value=mean, stderr=max(stderr, min(size.stderr for size in sizes)))
+
+
 def with_rattled_mass(causes, mass, stderr):
     """These `Cause` with the ``mass`` [kg] of a payload that a rattle in a gap tells, and its ``stderr`` [kg].
 
@@ -122,20 +136,37 @@ def before_the_gain(causes):
 
 
 def with_payload(causes, mass):
-    """These `Cause` with a tilt's angle for the stage of ``mass`` m [kg] and the payload M named beside it.
+    """These `Cause` with a tilt's angle, and a drive train's factors, for the stage of ``mass`` m [kg] and the payload
+    M named beside them.
 
-    The force that was fitted is (m + M) g sin α; the uncertainty of M is one of the angle, too.
+    The force that was fitted is (m + M) g sin α, and stiffness and damping over mass are K/(m + M) and D/(m + M); the
+    uncertainty of M is one of the angle and of the factors, too.
     """
     payload = next((c.parameters["mass_kg"] for c in causes if c.id == "payload_change"), None)
-    return [_pulled(c, mass, payload) if payload and c.id == "gravity_tilt" else c for c in causes]
+    if payload is None:
+        return list(causes)
+    whole = max(mass + payload.value, LEAST_MASS_SHARE * mass)
+    change = {"gravity_tilt": _pulled, "drive_compliance": _stiffened}
+    return [change[c.id](c, whole / mass, payload.stderr / whole) if c.id in change else c for c in causes]
 
 
-def _pulled(tilt, mass, payload):
-    angle, whole = tilt.parameters["angle_rad"], max(mass + payload.value, LEAST_MASS_SHARE * mass)
-    value = math.asin(max(min(math.sin(angle.value) * mass / whole, 1.0), -1.0))
-    stderr = math.hypot(angle.stderr * mass / whole, value * payload.stderr / whole)
+def _pulled(tilt, ratio, share):
+    """A ``tilt`` of a stage of ``ratio`` times the mass, known to a ``share``."""
+    angle = tilt.parameters["angle_rad"]
+    value = math.asin(max(min(math.sin(angle.value) / ratio, 1.0), -1.0))
+    stderr = math.hypot(angle.stderr / ratio, value * share)
     return dataclasses.replace(tilt, parameters={"angle_rad": dataclasses.replace(angle, value=value, stderr=stderr)},
                                effect={**tilt.effect, "angle_rad": value})
+
+
+def _stiffened(drive, ratio, share):
+    """A ``drive`` train behind a stage of ``ratio`` times the mass, known to a ``share``."""
+    parameters = {
+        name: dataclasses.replace(p, value=ratio * p.value, stderr=ratio * math.hypot(p.stderr, share * p.value))
+        for name, p in drive.parameters.items()
+    }
+    effect = {name: ratio * value if name in parameters else value for name, value in drive.effect.items()}
+    return dataclasses.replace(drive, parameters=parameters, effect=effect)
 
 
 def _fitted(evidences, choice, others, form):

@@ -30,16 +30,15 @@ def test_an_offset_makes_no_line_of_the_floor_where_rests_repeat(axis, drive):
     assert not known.lines and known.gap is None
 
 
-def test_a_payload_winds_up_the_drive_train_by_its_inertia_too(axis):
-    """Without it a gap was named beside the payload, of which a mass of less than nothing made up: in 12 of 12 records (seeds 90000 to
-    90110, steps of 10). Named alone in 7 of these beside a baseline now, in 6 without one; in 5 a gap of 0.3 µm still stands beside it,
-    which leaves as little as a drive that winds up more (not mended). With the noise of set 41 a soft drive is its rival."""
-    learn, held, _ = records(axis, "self_tuning_observer", "there and back", {"payload_change": {"mass_kg": 5.86}}, 9860)
+@pytest.mark.parametrize("seed", [9860, 9900])
+def test_a_payload_winds_up_the_drive_train_by_its_inertia_too(axis, seed):
+    """Without it a gap was named beside the payload, of which a mass of less than nothing made up (12 of 12 records, seeds 90000 to 90110,
+    steps of 10); then, where more wind-up left nothing to explain, a gap that left as little (5 of 12), or friction along the stroke and a
+    soft drive as its rival, as the stage's motion was computed with the model's stiffness. Named alone in 12 of 12 now."""
+    learn, held, _ = records(axis, "self_tuning_observer", "there and back", {"payload_change": {"mass_kg": 5.86}}, seed)
     answer = diagnose_records(axis, learn, held, [], seed=0)
-    assert [cause.id for cause in answer.causes] == ["payload_change"] or [set(one.ids) for one in answer.rivals] == [
-        {"payload_change", "drive_compliance"}]
-    for cause in answer.causes:
-        assert cause.id == "payload_change" and cause.parameters["mass_kg"].value == pytest.approx(5.86, rel=0.15)
+    assert [cause.id for cause in answer.causes] == ["payload_change"] and not answer.rivals
+    assert answer.causes[0].parameters["mass_kg"].value == pytest.approx(5.86, rel=0.2)
 
 
 def test_the_wind_up_is_of_friction_and_inertia(axis, drive):
