@@ -35,7 +35,7 @@ from microstage_ros.diagnosis.selection import judge, limit_cycle
 from microstage_ros.diagnosis.selection.agreement import unsteadiness
 from microstage_ros.diagnosis.selection.calibration import likely, probability
 from microstage_ros.diagnosis.selection.leftover import over_twin, remains, scatter_findings, swings_in_time
-from microstage_ros.diagnosis.selection.mass_or_drive import RESONANT, seeming_stiffness
+from microstage_ros.diagnosis.selection.mass_or_drive import FAST, RESONANT, seeming_stiffness
 from microstage_ros.diagnosis.selection.nonregression_causes import nonregression_causes
 from microstage_ros.diagnosis.selection.refinement import about_their_sizes, refine
 from microstage_ros.diagnosis.selection.selection import select
@@ -160,7 +160,8 @@ def _beside_offset(groups, prepared, drive, known):
 def _behind_windup(groups, prepared, drive, known, chosen):
     """``prepared``, ``known`` and ``chosen``, anew where the wind-up tells a drive train far from the model's that was
     too faint in the resonance to be known before: the stage's motion is computed with it."""
-    choice = next((c for c in chosen.choices if c.effect in RESONANT), None)
+    shown = (c for c in chosen.choices if c.effect in RESONANT and any(form.channel in FAST for form in c.forms))
+    choice = next(shown, None)
     if choice is None or known.train is not None or known.gap is not None:
         return prepared, known, chosen
     others = [c for c in chosen.choices if c is not choice]
