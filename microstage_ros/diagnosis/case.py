@@ -99,12 +99,10 @@ def diagnose_case(axis, records, holdout=(), baseline=(), seed=0, twin=()):
         prepared, known = anew
         chosen = _choose(groups, prepared, drive, known, chosen.collection.frame.drive.offset)
     prepared, known, chosen = _behind_windup(groups, prepared, drive, known, chosen)
+    known, chosen = _without_train(groups, prepared, drive, known, _at_terminals(groups, known, chosen))
     collection, evidences, choices = chosen.collection, chosen.evidences, chosen.choices
     course, effects = chosen.course, chosen.effects
     notes += [chosen.law.words] if chosen.law is not None else []
-    anew = at_terminals(collection, evidences, choices, groups, known, chosen.law)
-    if anew is not evidences:
-        evidences, (choices, _) = anew, select(anew, effects)
     choices = beyond_the_known(evidences, choices, known, rests=not _swings(collection))
     # behind a gap the stage's speed is its reading's, whose noise would weigh more than its swing
     if known.gap is None and "position" in judge.stands_out(evidences, choices):
@@ -172,6 +170,25 @@ def _behind_windup(groups, prepared, drive, known, chosen):
     known = dataclasses.replace(known, train=with_likelier_damping(channels, stiffness))
     prepared = known.prepare(groups, drive, prepared)
     return prepared, known, _choose(groups, prepared, drive, known, chosen.collection.frame.drive.offset)
+
+
+def _at_terminals(groups, known, chosen):
+    """``chosen`` anew with torque and resonance of the voltage at the motor's terminals, where it is another."""
+    anew = at_terminals(chosen.collection, chosen.evidences, chosen.choices, groups, known, chosen.law)
+    if anew is chosen.evidences:
+        return chosen
+    return dataclasses.replace(chosen, evidences=anew, choices=select(anew, chosen.effects)[0])
+
+
+def _without_train(groups, prepared, drive, known, chosen):
+    """``known`` and ``chosen``, anew without a drive train that nothing chosen stands for: an amplifier's gain, which
+    is found later, moves the motor as no drive train does, and one was fitted to it."""
+    if known.train is None or any(choice.effect in RESONANT for choice in chosen.choices):
+        return known, chosen
+    known = dataclasses.replace(known, train=None)
+    prepared = known.prepare(groups, drive, prepared)
+    offset = chosen.collection.frame.drive.offset
+    return known, _at_terminals(groups, known, _choose(groups, prepared, drive, known, offset))
 
 
 def _choose(groups, prepared, drive, known, offset=0.0):

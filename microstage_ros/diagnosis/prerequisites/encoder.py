@@ -48,7 +48,8 @@ def _waves(drive, baseline):
     usable = [r for r in baseline if "interferometer_m" in r and "encoder_m" in r]
     if not (any(drive.interpolation) and usable):
         return None
-    matrix, vector, travel = np.zeros((2 * harmonics, 2 * harmonics)), np.zeros(2 * harmonics), 0.0
+    count, travel = 2 * harmonics + 2, 0.0
+    matrix, vector = np.zeros((count, count)), np.zeros(count)
     for record in usable:
         encoder, stage = (
             np.nan_to_num(record[name], nan=float(np.nanmean(record[name])))
@@ -57,16 +58,18 @@ def _waves(drive, baseline):
         error = encoder - stage
         phase = 2.0 * np.pi * stage / drive.signal_period
         waves = [f(n * phase) for n in range(1, harmonics + 1) for f in (np.sin, np.cos)]
-        speed = np.abs(np.gradient(triangle(stage, SMOOTH), record.period_s))
-        used = np.flatnonzero(speed > REST_SPEED)
+        speed = np.gradient(triangle(stage, SMOOTH), record.period_s)
+        used = np.flatnonzero(np.abs(speed) > REST_SPEED)
         travel = max(travel, np.ptp(stage))
-        x = np.stack([(w - triangle(w, SLOW))[used] for w in waves], axis=1)
+        # an error of the scale, or a late reading, is none of interpolation, and is left over at both ends of a move
+        x = np.stack([(w - triangle(w, SLOW))[used] for w in (*waves, stage, speed)], axis=1)
         matrix += x.T @ x
         vector += x.T @ (error - triangle(error, SLOW))[used]
-    # derived: of the sixteen digits ten are left; of a matrix of zeros none
-    if travel < drive.signal_period or not np.linalg.cond(matrix) < 1e6:
+    size = np.sqrt(np.diag(matrix))
+    # derived: of the sixteen digits ten are left; of a column of zeros none
+    if travel < drive.signal_period or not size.all() or not np.linalg.cond(matrix / np.outer(size, size)) < 1e6:
         return None       # they hardly moved
-    return np.linalg.solve(matrix, vector)
+    return np.linalg.solve(matrix / np.outer(size, size), vector / size)[:2 * harmonics] / size[:2 * harmonics]
 
 
 def seen_count(drive, prepared):

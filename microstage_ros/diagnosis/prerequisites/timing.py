@@ -22,16 +22,18 @@ BLOCK = 20
 # of a block's mean square of n third differences of white noise; derived: n / (1 + 2 Σₖ (1 − k/n) ρₖ²) with their
 # correlations ρ = −15/20, 6/20, −1/20
 FREEDOM = BLOCK / (1.0 + 2.0 * sum((1.0 - k / BLOCK) * (r / 20.0) ** 2 for k, r in ((1, 15.0), (2, 6.0), (3, 1.0))))
-# m/s: faster, smooth errors no longer drop out; derived: third differences pass (2π v T/p)³/√20 = 0.0015 of an error of
-# the encoder's signal period p = 10 µm at T = 0.1 ms, of the largest drawn (50 nm) a hundredth of the reading's noise
-MOST_SPEED = 3.0e-3
+# m/s: faster, smooth errors no longer drop out; derived: third differences pass (2π v T/p)³/√20 = 0.028 of an error of
+# the encoder's signal period p = 10 µm at T = 0.1 ms, of the largest drawn (50 nm) an eighth of the reading's noise, of
+# its variance a sixtieth
+MOST_SPEED = 8.0e-3
 # share of repeated samples; calibrated by: validation.margins (8e-5 to 1.6e-3)
 LEAST_LOST = 5.0e-4
 # standard deviations of two readings' difference; derived: a reading that steps back so far comes once in 700
 STEP_BACK = 3.0
-# of a block's speed, by which it may change within the block; calibrated by: validation.variation --group steady (half
-# and double: the same answers; doubled, the jitter is another by 1.2 of its standard errors)
-STEADY = 0.1
+# of a block's speed, by which it may change within the block; calibrated by: test/diagnosis/prerequisites/
+# test_timing.py (a third of it and three times it: the same jitter of 41 µs within 2 %, and none where none is, on
+# programmes that hardly ever go at one speed)
+STEADY = 0.3
 # of the mean floor, below which no scatter counts more; derived: what rounding alone leaves in the quietest of `PARTS`
 LEAST_FLOOR = 0.11
 # of the lost samples, that the held-out records must show; derived: of the 50 that `LEAST_LOST` makes of 10⁵ rows a
@@ -49,7 +51,8 @@ class Timing:
     """Variance τ² of the random lateness [s²] with standard error, share of lost samples, and χ² that scatter which
     grows with speed explains; ``floor`` variance at rest, at least that of the encoder's rounding [m²], ``fastest``
     speed that was looked at [m/s]; ``samples`` among which lost ones were counted; mean square of scatter [m²] and of
-    speed [m²/s²] over all blocks; ``growth``: τ² and what the lost samples add to it [s²], None where none was lost."""
+    speed [m²/s²] over all blocks; ``growth``: τ² and what the lost samples add to it [s²], None where none was lost; ``chance`` share of
+    samples that repeat the one before by the jitter's chance, and are not lost."""
 
     variance: float
     stderr: float
@@ -61,6 +64,7 @@ class Timing:
     mean_square: float = 0.0
     mean_speed_square: float = 0.0
     growth: float | None = None
+    chance: float = 0.0
 
     def left(self, variance):
         """Mean square scatter of the encoder [m²] on these records when a growth of this variance [s²] is taken out."""
@@ -73,8 +77,9 @@ class Timing:
 
     @property
     def lost_stderr(self):
-        """Standard error of the share of lost samples [1]: binomial, with one more lost than seen (Agresti's half)."""
-        share = (self.lost * self.samples + 0.5) / (self.samples + 1.0)
+        """Standard error of the share of lost samples [1]: binomial, with one more lost than seen (Agresti's half), and
+        with those that repeat by chance."""
+        share = ((self.lost + self.chance) * self.samples + 0.5) / (self.samples + 1.0)
         return float(np.sqrt(share * (1.0 - share) / self.samples))
 
     @property
@@ -93,6 +98,7 @@ def timing_of(prepared, sde=None):
     out."""
     spreads, speeds, parts, clean, rounding = [], [], [], [], 0.0
     repeated = samples = missing = rows = 0
+    chances = []
     for p in prepared:
         place = _place(p)
         error = p.encoder - place - _subdivisional(place, sde or {})
@@ -100,10 +106,10 @@ def timing_of(prepared, sde=None):
         rough = np.diff(error, 3) / np.sqrt(THIRD_DIFFERENCE)
         used = len(rough) // BLOCK * BLOCK
         speed = np.abs(p.speed[:used].reshape(-1, BLOCK))
-        steady = np.ptp(speed, axis=1) < STEADY * speed.mean(axis=1) + REST_SPEED
-        good = steady & (speed.mean(axis=1) > REST_SPEED) & (speed.mean(axis=1) < MOST_SPEED)
+        mean = np.sqrt((speed**2).mean(axis=1))
+        good = (np.ptp(speed, axis=1) < STEADY * mean + REST_SPEED) & (mean > REST_SPEED) & (mean < MOST_SPEED)
         spreads.append((rough[:used].reshape(-1, BLOCK) ** 2).mean(axis=1)[good])
-        speeds.append(speed.mean(axis=1)[good])
+        speeds.append(mean[good])
         parts.append(_part_of_count(speeds[-1] * p.period, p.count))
         rounding = max(rounding, (0.5 * p.count) ** 2 / 3.0)     # uniform within half a count
         same = p.repeated[1:] & (p.current[1:] != 0.0)
@@ -112,6 +118,8 @@ def timing_of(prepared, sde=None):
             p.count, float(np.sqrt(np.median(spreads[-1]))) if len(spreads[-1]) else 0.0, p.period
         )
         repeated, samples = repeated + int((same & moving).sum()), samples + int(moving.sum())
+        alike = np.mean(p.current[1:][moving] == p.current[:-1][moving]) if moving.any() else 0.0
+        chances.append((alike * p.count, np.abs(p.speed)[1:][moving], p.period))
         missing, rows = missing + int(p.lost.sum()), rows + len(p.lost)
         # a slow encoder may repeat itself by chance, too
         clean.append(~_touched(np.append(False, same) | p.lost, len(rough))[good])
@@ -129,7 +137,21 @@ def timing_of(prepared, sde=None):
     jitter = 0.0, math.inf
     if _enough(square[without]):
         jitter = _fitted(spread[without], square[without], part[without])[1:]
-    return dataclasses.replace(all_blocks, variance=jitter[0], stderr=jitter[1], growth=growth)
+    timing = dataclasses.replace(all_blocks, variance=jitter[0], stderr=jitter[1], growth=growth)
+    if timing.significance < CLEAR:
+        return timing
+    chance = sum(float(_by_chance(timing.jitter / HALF_SPREAD, *one).sum()) for one in chances) / max(samples, 1)
+    return dataclasses.replace(timing, lost=max(lost - chance, 0.0), chance=chance)
+
+
+def _by_chance(jitter, count, speed, period):
+    """Chance (n,) [1] that a reading repeats the one before because it came ``period`` T [s] less late.
+
+    The latenesses differ by |a| − |b| of two Gaussians of ``jitter`` σ [s], of density e^(−T²/4σ²) erfc(T/2σ)/(σ√π) at
+    T, and the readings are alike within a ``count`` [m] at ``speed`` (n,) [m/s]; the count times the share of rows in
+    which the current is alike, too."""
+    ratio = period / (2.0 * jitter)
+    return count / speed * math.exp(-(ratio**2)) * math.erfc(ratio) / (jitter * math.sqrt(math.pi))
 
 
 def _enough(square):

@@ -19,7 +19,7 @@ ALIKE, UNLIKE = 0.9, 0.5
 # which the torque balance told two fifths)
 ALIKE_MASS, LEAST_ALIKE = 0.4, 0.25
 DECISIVE = 4.0   # standard errors; derived: a chance of 6·10⁻⁵ on both sides
-CONFIRMED = 3.0       # standard errors of either of two that must agree; derived: a chance of 2·10⁻⁶ of both
+CONFIRMED = 3.0       # standard errors of either of two that must agree, or of their difference; derived: 1.3·10⁻³
 
 
 def behind_gap(evidences):
@@ -50,6 +50,19 @@ def mass_confirmed(evidences, others):
     ``others``, and the same one."""
     two = mass_of_inertia(evidences, others)
     return two is not None and all(abs(mass) > CONFIRMED * error for mass, error in two) and alike(two[0][0], two[1][0])
+
+
+def stiffness_agrees(evidences, choice, others):
+    """Whether the wind-up allows the stiffness that the resonance of a ``choice`` of ``drive_compliance`` tells: within
+    their errors, or with as much more compliance, 1/K_c, as `alike` allows."""
+    fast = next((f for f in choice.forms if f.channel == "resonance"), None)
+    slow = next((f for f in evidences.forms if f.effect == choice.effect and f.channel == "windup"), None)
+    if fast is None or slow is None or "windup" not in evidences.learn:
+        return True
+    both = [sizes_of(evidences, choice, others, form)[0]["stiffness_factor"][:2] for form in (fast, slow)]
+    (quick, quick_error), (held, held_error) = both
+    near = abs(math.log(quick / held)) < CONFIRMED * math.hypot(quick_error / quick, held_error / held)
+    return near or alike(1.0 / held - 1.0, 1.0 / quick - 1.0)
 
 
 def payload_on_another_drive(evidences, choice, others):

@@ -18,6 +18,7 @@ from microstage_ros.diagnosis.selection.mass_or_drive import (
     mass_confirmed,
     payload_on_another_drive,
     resonance_is,
+    stiffness_agrees,
 )
 from microstage_ros.diagnosis.selection.sizes import sizes_of, width
 from microstage_ros.diagnosis.selection.splinters import (
@@ -139,7 +140,7 @@ def acceptable(evidences, trial, choices):
     # derived: a χ² of 5 of one size is a chance of 0.025
     if trial.held < 5.0 or trial.held < HELD_SHARE * expected:
         return False
-    if not _masses_agree(evidences, trial.choice, choices) or is_level_of_a_profile(evidences, trial.choice, choices):
+    if not _channels_agree(evidences, trial.choice, choices) or is_level_of_a_profile(evidences, trial.choice, choices):
         return False
     if not _leaves_possible(evidences, trial.choice, choices):
         return False
@@ -162,16 +163,18 @@ def _leaves_possible(evidences, choice, choices):
     return True
 
 
-def _masses_agree(evidences, choice, choices):
-    """A payload shows in friction and in resonance with the same mass, or it is none: more friction alone is no
-    mass. Nor is a cable one whose force the torque does not know, or knows as another than the drive train that it
-    bends."""
+def _channels_agree(evidences, choice, choices):
+    """Whether the channels tell one size: a payload shows in friction and in resonance with the same mass, or it is
+    none, as more friction alone is no mass; a soft drive in resonance and in wind-up with the same stiffness. Nor is a
+    cable one whose force the torque does not know, or knows as another than the drive train that it bends."""
     if choice.effect == "cable_spring":
         springs = {f.channel: sizes_of(evidences, choice, choices, f)[0]["stiffness_N_m"][:2] for f in choice.forms}
         if set(springs) != {"torque", "windup"}:
             return "torque" in springs
         (torque, stderr), (windup, error) = springs["torque"], springs["windup"]
         return alike(windup, torque) or abs(windup - torque) < DECISIVE * math.hypot(stderr, error)
+    if choice.effect == "drive_compliance":
+        return stiffness_agrees(evidences, choice, choices)
     if choice.effect != "payload_change":
         return True
     masses = {form.channel: sizes_of(evidences, choice, choices, form)[0]["mass_kg"][:2] for form in choice.forms}

@@ -60,6 +60,21 @@ def test_without_a_baseline_records_tell_whether_the_files_error_is_there(axis, 
         assert (seen == drive) if there else (seen.interpolation == ())
 
 
+@pytest.mark.parametrize("fault", ["scale", "late"])
+def test_moves_with_rests_show_the_files_error_beside_another_of_the_reading(axis, fault):
+    """An error of the scale of 243 ppm steps at both ends of every move: what is stated did not seem to be there, and was called a fault."""
+    drive = drive_of(axis)
+    time = np.arange(60000) * 1e-4
+    share = np.minimum((time % 0.5) / 0.1, 1.0)
+    way = share - np.sin(2.0 * np.pi * share) / (2.0 * np.pi)
+    stage = 5e-4 * np.where(time // 0.5 % 2 == 0, way, 1.0 - way)
+    other = -2.43e-4 * stage if fault == "scale" else 3e-4 * np.gradient(stage, 1e-4)
+    record = Record(1e-4, {"encoder_m": stage + other + drive.interpolation_error(stage), "interferometer_m": stage})
+    assert seen_interpolation(drive, [], [record]) == drive
+    seen = seen_interpolation(drive, [record])
+    assert seen.interpolation == pytest.approx(drive.interpolation, abs=4e-10)
+
+
 @pytest.mark.parametrize("lacking", ["baseline", "records"])
 def test_a_sensor_that_not_all_records_have_is_not_used(axis, lacking):
     """Without the interferometer the stage is the encoder's, whose counts are no noise of an interferometer's baseline (`unexplained`); a

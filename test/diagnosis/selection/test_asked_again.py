@@ -248,13 +248,13 @@ def test_beside_another_cause_the_misfit_must_be_there_on_the_held_out_records(o
 
 def accepting(monkeypatch, **refused):
     """Every rule of `acceptable` but those of its own lets a trial stand, or what ``refused`` says."""
-    usual = {"_masses_agree": True, "is_level_of_a_profile": False, "in_baseline": False, "uneven_as_ever": False, "misfit": 0.0,
+    usual = {"_channels_agree": True, "is_level_of_a_profile": False, "in_baseline": False, "uneven_as_ever": False, "misfit": 0.0,
              "is_splinter": False, "agrees_with_itself": True, "is_wave_of_friction": False}
     for name, value in {**usual, **refused}.items():
         monkeypatch.setattr(selection, name, lambda *_, value=value: value)
 
 
-@pytest.mark.parametrize("refused", [None, {"_masses_agree": False}, {"is_level_of_a_profile": True}, {"in_baseline": True},
+@pytest.mark.parametrize("refused", [None, {"_channels_agree": False}, {"is_level_of_a_profile": True}, {"in_baseline": True},
                                      {"uneven_as_ever": True}, {"misfit": 0.5}, {"is_splinter": True}, {"agrees_with_itself": False},
                                      {"is_wave_of_friction": True}])
 def test_every_rule_alone_refuses_a_trial(monkeypatch, refused):

@@ -165,9 +165,9 @@ def test_behind_a_gap_load_and_inertia_tell_one_payload(load, inertia, stands):
     """3.0 kg in both where 2.9 were put on (pairs, seed 10201, case 53); 6.5 and 0.2 kg where none were (9901, case 58)."""
     case = balance(load, inertia)
     payload = Choice("payload_change", (case.forms[0],))
-    assert selection._masses_agree(case, payload, []) == stands
+    assert selection._channels_agree(case, payload, []) == stands
     case.forms.pop()                                # where the inertia was not asked, no mass is told
-    assert not selection._masses_agree(case, payload, [])
+    assert not selection._channels_agree(case, payload, [])
 
 
 def test_behind_a_gap_a_payload_and_a_soft_drive_are_no_rivals():
@@ -206,7 +206,7 @@ def test_a_cable_pulls_in_the_torque_balance_as_much_as_it_bends_the_drive(monke
     monkeypatch.setattr(selection, "sizes_of", lambda evidences, choice, choices, form: (
         {"stiffness_N_m": (springs[form.channel], 60.0, "N/m")}, {}))
     cable = Choice("cable_spring", tuple(Form("cable_spring", channel, "", None, one("size", "1")) for channel in springs))
-    assert selection._masses_agree(None, cable, []) is stands
+    assert selection._channels_agree(None, cable, []) is stands
 
 
 @pytest.mark.parametrize(("friction", "resonance", "stands"), [
@@ -219,11 +219,11 @@ def test_a_payload_has_one_mass_in_friction_and_resonance(monkeypatch, friction,
     monkeypatch.setattr(selection, "behind_gap", lambda _: False)
     forms = tuple(Form("payload_change", channel, "", None, one("mass_kg", "kg")) for channel in masses)
     case = types.SimpleNamespace(frame=types.SimpleNamespace(rattled_mass=0.0))
-    assert selection._masses_agree(case, Choice("payload_change", forms), []) is stands
+    assert selection._channels_agree(case, Choice("payload_change", forms), []) is stands
     for form in forms:      # one of the two alone is no payload
-        assert not selection._masses_agree(case, Choice("payload_change", (form,)), [])
+        assert not selection._channels_agree(case, Choice("payload_change", (form,)), [])
     case.frame.rattled_mass = resonance     # behind a gap the rattle tells what the resonance would
-    assert selection._masses_agree(case, Choice("payload_change", forms[:1]), []) is stands
+    assert selection._channels_agree(case, Choice("payload_change", forms[:1]), []) is stands
 
 
 @pytest.mark.parametrize(("said", "stands", "beyond", "answer"), [
