@@ -51,8 +51,8 @@ class Timing:
     """Variance τ² of the random lateness [s²] with standard error, share of lost samples, and χ² that scatter which
     grows with speed explains; ``floor`` variance at rest, at least that of the encoder's rounding [m²], ``fastest``
     speed that was looked at [m/s]; ``samples`` among which lost ones were counted; mean square of scatter [m²] and of
-    speed [m²/s²] over all blocks; ``growth``: τ² and what the lost samples add to it [s²], None where none was lost; ``chance`` share of
-    samples that repeat the one before by the jitter's chance, and are not lost."""
+    speed [m²/s²] over all blocks; ``growth``: τ² and what the lost samples add to it [s²], None where none was lost;
+    ``chance`` share of samples that repeat the one before by the jitter's chance, and are not lost."""
 
     variance: float
     stderr: float
