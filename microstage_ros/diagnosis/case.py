@@ -306,8 +306,10 @@ def _swings(collection):
 
 def _cause(evidences, choice, choices, units):
     """`Cause` of a selected effect; its share is filled in at the end."""
-    sizes, effect = {}, {}
-    for form in choice.forms:
+    sizes, effect, forms = {}, {}, choice.forms
+    if choice.effect == "cable_spring" and any(c.effect == "drive_compliance" for c in choices):
+        forms = [form for form in forms if form.channel == "torque"]     # it bends a drive train of another stiffness
+    for form in forms:
         fitted, entry = stated_sizes(evidences, choice, choices, form)
         for name, size in fitted.items():
             sizes.setdefault(name, []).append(Parameter(*size))

@@ -2,6 +2,8 @@
 
 import dataclasses
 
+import math
+
 import numpy as np
 from scipy.signal import lfilter
 
@@ -17,6 +19,9 @@ SCREW_HARMONICS = (1, 2, 3)
 # g − 1 of a gain above one: what is assumed until it is fitted, and the least after; derived: a tenth leaves all but
 # the last tenth of the voltage unlimited, and a divisor is never nothing
 FIRST_EXCESS, LEAST_EXCESS = 0.1, 1.0e-3
+# m, of a term that repeats within a turn; source: ISO 3408-3 (class 5 allows 8 µm of variation within a turn, of which
+# half is an amplitude; five times that)
+MOST_PITCH_ERROR = 2.0e-5
 MOST_LEAD_ERROR = REGISTRY["screw_pitch_error"].parameters["cumulative"].maximum    # of the lead
 
 
@@ -167,8 +172,9 @@ def _heats(beta):
 
 
 def _is_a_screw(beta):
-    """No screw's lead is off by more than its effect allows: what goes with the travel so is another gain."""
-    return abs(beta[2]) < MOST_LEAD_ERROR
+    """No screw's lead is off by more than its effect allows: what goes with the travel so is another gain. Nor does it
+    wave by more than `MOST_PITCH_ERROR`: half a turn shows any smooth course as a part of a wave."""
+    return abs(beta[2]) < MOST_LEAD_ERROR and math.hypot(beta[0], beta[1]) < MOST_PITCH_ERROR
 
 
 def _gap_sizes(beta, covariance, frame):

@@ -109,6 +109,12 @@ def seeming_stiffness(evidences, choice, others):
     return min(found, key=lambda size: size[1] / size[0]) if found else None
 
 
+def stiffness_of(evidences, choices):
+    """Factor [1] on the stiffness of the drive train that ``choices`` have, 1 without a ``drive_compliance``."""
+    drive = next((c for c in choices if c.effect == "drive_compliance"), None)
+    return 1.0 if drive is None else (seeming_stiffness(evidences, drive, choices) or (1.0,))[0]
+
+
 def _torque_form(evidences):
     """`Form` of ``payload_change`` in the torque, or None where there is no torque."""
     if "torque" not in evidences.learn:

@@ -19,6 +19,7 @@ from microstage_ros.diagnosis.selection.mass_or_drive import (
     payload_on_another_drive,
     resonance_is,
     stiffness_agrees,
+    stiffness_of,
 )
 from microstage_ros.diagnosis.selection.sizes import sizes_of, width
 from microstage_ros.diagnosis.selection.splinters import (
@@ -172,6 +173,8 @@ def _channels_agree(evidences, choice, choices):
         if set(springs) != {"torque", "windup"}:
             return "torque" in springs
         (torque, stderr), (windup, error) = springs["torque"], springs["windup"]
+        soft = stiffness_of(evidences, choices)     # which the cable bends so much further
+        torque, stderr = torque / soft, stderr / soft
         return alike(windup, torque) or abs(windup - torque) < DECISIVE * math.hypot(stderr, error)
     if choice.effect == "drive_compliance":
         return stiffness_agrees(evidences, choice, choices)

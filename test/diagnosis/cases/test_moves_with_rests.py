@@ -41,6 +41,26 @@ def test_a_payload_winds_up_the_drive_train_by_its_inertia_too(axis, seed):
     assert answer.causes[0].parameters["mass_kg"].value == pytest.approx(5.86, rel=0.2)
 
 
+@pytest.mark.parametrize(("law", "programme", "effects", "seed"), [
+    # the motor's travel, wrong by a seventh, had a drive train of 0.06 times the stiffness fitted to it, and friction along the stroke
+    ("self_tuning", "plain", {"amplifier_gain": {"factor": 0.863}}, 21530),
+    # a drive train of 0.65 times the stiffness in the resonance, of which the wind-up shows nothing
+    ("self_tuning", "moves", {"actuator_lag": {"time_s": 4.95e-4}}, 21510),
+    # an error of the screw of 32 um in a quarter of its turn
+    ("self_tuning_observer", "half a stroke", {"amplifier_deadband": {"half_width_V": 0.0385}, "amplifier_gain": {"factor": 1.139}}, 22590),
+    # the cable bends a soft drive twenty times as far as the model's, which was an error of the screw
+    ("self_tuning_observer", "half a stroke", {"drive_compliance": {"stiffness_factor": 0.0481, "damping_factor": 0.844},
+                                               "cable_spring": {"stiffness_N_m": 1250.0, "anchor_m": 1.7e-3}}, 22680)])
+def test_what_was_told_with_a_wrong_name_beside_it_is_named_alone(axis, law, programme, effects, seed):
+    learn, held, base = records(axis, law, programme, effects, seed)
+    answer = diagnose_records(axis, learn, held, base, seed=0)
+    assert {cause.id for cause in answer.causes} == set(effects) and not answer.rivals
+    for cause in answer.causes:
+        for name, true in effects[cause.id].items():
+            if name in cause.parameters:
+                assert cause.parameters[name].value == pytest.approx(true, rel=0.25)
+
+
 def test_the_wind_up_is_of_friction_and_inertia(axis, drive):
     learn, _, _ = records(axis, "self_tuning_observer", "there and back", {}, 400)
     channel = Windup(prepare(learn[0], drive), drive)
