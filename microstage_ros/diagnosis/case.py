@@ -235,7 +235,8 @@ def _answer(collection, evidences, choices, rivals, nonregression, holdout, note
             unsure.append(judge.rivals_entry([choice.effect, *others]))
             open_in.append(judge.cause_gain(evidences, choice, choices, units)[0])
         else:
-            causes.append(_cause(evidences, choice, choices, units))
+            without = _telling_nothing(collection, choice, choices)
+            causes.append(_cause(evidences, choice, choices, units, without))
     known, course = nonregression
     if collection.frame.rattled_mass:
         causes = with_rattled_mass(causes, *known.gap.added_mass(collection.frame.drive.mass))
@@ -304,11 +305,19 @@ def _swings(collection):
     return _at_limit(collection) > limit_cycle.MOST_AT_LIMIT
 
 
-def _cause(evidences, choice, choices, units):
-    """`Cause` of a selected effect; its share is filled in at the end."""
-    sizes, effect, forms = {}, {}, choice.forms
-    if choice.effect == "cable_spring" and any(c.effect == "drive_compliance" for c in choices):
-        forms = [form for form in forms if form.channel == "torque"]     # it bends a drive train of another stiffness
+def _telling_nothing(collection, choice, choices):
+    """Channels that tell no size of a ``choice``: the wind-up of a loop that swings between the amplifier's limits, in
+    which the mean of a block is not the drive train's of the mean load (15 to 50 % off), and that of a cable, which
+    bends a drive train of another stiffness."""
+    bent = choice.effect == "cable_spring" and any(c.effect == "drive_compliance" for c in choices)
+    return {"windup"} if bent or choice.effect in RESONANT and _swings(collection) else set()
+
+
+def _cause(evidences, choice, choices, units, without=()):
+    """`Cause` of a selected effect, its sizes by all its channels but those ``without``; its share is filled in at the
+    end."""
+    sizes, effect = {}, {}
+    forms = [form for form in choice.forms if form.channel not in without] or choice.forms
     for form in forms:
         fitted, entry = stated_sizes(evidences, choice, choices, form)
         for name, size in fitted.items():

@@ -76,8 +76,8 @@ def payload_on_another_drive(evidences, choice, others):
 
 def _stiffness_beside_mass(evidences, choice, others):
     """What is left of the stiffness of a ``choice`` of ``drive_compliance`` beside the mass that the torque balance
-    tells: the least and the most of ln K_c by load and inertia, by each alone and by both, and `DECISIVE` standard
-    errors [1]; None where the balance tells none.
+    tells: the least and the most of ln K_c by resonance or wind-up, and by load and inertia, each alone and both, and
+    `DECISIVE` standard errors [1]; None where the balance tells none.
 
     Of a mass M on a stage m, resonance and wind-up tell K_c m/(m + M).
     """
@@ -86,17 +86,25 @@ def _stiffness_beside_mass(evidences, choice, others):
         return None
     own = evidences.frame.drive.mass
     mass, error, _ = sizes_of(evidences, Choice("payload_change", (form,)), others, form)[0]["mass_kg"]
-    seems, stderr = seeming_stiffness(evidences, choice, others) or (None, None)
-    if seems is None or abs(mass) < DECISIVE * error:
+    seeming = _seeming(evidences, choice, others)
+    if not seeming or abs(mass) < DECISIVE * error:
         return None
     masses = (mass, *(value for value, _ in mass_of_inertia(evidences, others)))
-    logs = [math.log(seems * max(own + value, LEAST_MASS_SHARE * own) / own) for value in masses]
-    return min(logs), max(logs), DECISIVE * math.hypot(stderr / seems, error / (own + mass))
+    wholes = [max(own + value, LEAST_MASS_SHARE * own) / own for value in masses]
+    logs = [math.log(factor * whole) for factor, _ in seeming for whole in wholes]
+    unsure = max(stderr / factor for factor, stderr in seeming)
+    return min(logs), max(logs), DECISIVE * math.hypot(unsure, error / (own + mass))
 
 
 def seeming_stiffness(evidences, choice, others):
-    """Factor [1] on the drive train's stiffness, and its standard error, that resonance and wind-up of a ``choice`` of
-    one of `RESONANT` tell; None where it has neither. A mass M on a stage m seems to be one of m/(m + M)."""
+    """Factor [1] on the drive train's stiffness, and its standard error, that resonance or wind-up of a ``choice`` of
+    one of `RESONANT` tell, whichever is surer; None where it has neither. A mass M on a stage m seems to be one of
+    m/(m + M)."""
+    return min(_seeming(evidences, choice, others), key=lambda size: size[1] / size[0], default=None)
+
+
+def _seeming(evidences, choice, others):
+    """`seeming_stiffness` of each of the two channels: [(factor, standard error)] [1]."""
     own, found = evidences.frame.drive.mass, []
     for form in (form for form in choice.forms if form.channel in FAST):
         sizes = sizes_of(evidences, choice, others, form)[0]
@@ -106,7 +114,7 @@ def seeming_stiffness(evidences, choice, others):
             found.append((own / whole, own * error / whole**2))
         else:
             found.append(sizes["stiffness_factor"][:2])
-    return min(found, key=lambda size: size[1] / size[0]) if found else None
+    return found
 
 
 def stiffness_of(evidences, choices):
