@@ -62,7 +62,7 @@ def stiffness_agrees(evidences, choice, others):
     both = [sizes_of(evidences, choice, others, form)[0]["stiffness_factor"][:2] for form in (fast, slow)]
     (quick, quick_error), (held, held_error) = both
     near = abs(math.log(quick / held)) < CONFIRMED * math.hypot(quick_error / quick, held_error / held)
-    return near or alike(1.0 / held - 1.0, 1.0 / quick - 1.0)
+    return near or quick != 1.0 and alike(1.0 / held - 1.0, 1.0 / quick - 1.0)
 
 
 def payload_on_another_drive(evidences, choice, others):
@@ -136,7 +136,8 @@ def shown_by_rattle(evidences, choice):
 
 
 def alike(mass, other):
-    """Whether two channels tell of one mass, where they tell ``mass`` and ``other`` [kg]."""
+    """Whether two channels tell of one mass, where they tell ``mass`` and ``other`` [kg], not 0; or of one size of any
+    unit."""
     return ALIKE_MASS < mass / other < 1.0 / ALIKE_MASS
 
 

@@ -209,6 +209,19 @@ def test_a_cable_pulls_in_the_torque_balance_as_much_as_it_bends_the_drive(monke
     assert selection._channels_agree(None, cable, []) is stands
 
 
+@pytest.mark.parametrize(("resonance", "windup", "stands"), [
+    ((0.65, 0.05), (0.94, 0.03), False),        # beside an amplifier's lag
+    ((0.65, 0.05), (0.70, 0.03), True), ((0.09, 0.006), (0.11, 0.004), True),
+    ((1.0, 0.06), (0.98, 0.03), True), ((1.0, 0.06), (0.60, 0.03), False)])     # a damping alone
+def test_a_soft_drive_has_one_stiffness_in_resonance_and_wind_up(monkeypatch, resonance, windup, stands):
+    sizes = {"resonance": resonance, "windup": windup}
+    monkeypatch.setattr(mass_or_drive, "sizes_of", lambda evidences, choice, others, form: (
+        {"stiffness_factor": (*sizes[form.channel], "1")}, {}))
+    forms = [Form("drive_compliance", channel, "", None, one("stiffness_factor", "1")) for channel in sizes]
+    case = types.SimpleNamespace(forms=forms, learn=sizes)
+    assert mass_or_drive.stiffness_agrees(case, Choice("drive_compliance", tuple(forms[:1])), []) is stands
+
+
 @pytest.mark.parametrize(("friction", "resonance", "stands"), [
     (2.0, 2.1, True), (0.29, 0.3, False), (0.31, 0.3, True), (-0.31, -0.3, True),      # three standard errors of 0.1 kg
     (2.0, 5.1, False), (2.0, 4.9, True), (2.0, 0.7, False), (2.0, 0.9, True), (2.0, -2.0, False),      # within a factor of 2.5
