@@ -307,8 +307,8 @@ def _swings(collection):
 
 def _telling_nothing(collection, choice, choices):
     """Channels that tell no size of a ``choice``: the wind-up of a loop that swings between the amplifier's limits, in
-    which the mean of a block is not the drive train's of the mean load (15 to 50 % off), and that of a cable, which
-    bends a drive train of another stiffness."""
+    which the mean of a block is not the drive train's of the mean load (10 to 50 % too stiff), and that of a cable,
+    which bends a drive train of another stiffness."""
     bent = choice.effect == "cable_spring" and any(c.effect == "drive_compliance" for c in choices)
     return {"windup"} if bent or choice.effect in RESONANT and _swings(collection) else set()
 

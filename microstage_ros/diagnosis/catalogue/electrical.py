@@ -1,7 +1,6 @@
 """Amplifier, winding and drive train in the stage-against-motor channel (all columns in metres of stage)."""
 
 import dataclasses
-
 import math
 
 import numpy as np
@@ -19,8 +18,8 @@ SCREW_HARMONICS = (1, 2, 3)
 # g − 1 of a gain above one: what is assumed until it is fitted, and the least after; derived: a tenth leaves all but
 # the last tenth of the voltage unlimited, and a divisor is never nothing
 FIRST_EXCESS, LEAST_EXCESS = 0.1, 1.0e-3
-# m, of a term that repeats within a turn; source: ISO 3408-3 (class 5 allows 8 µm of variation within a turn, of which
-# half is an amplitude; five times that)
+# m, of a term that repeats within a turn; derived: five times the largest that the effect draws
+# (`model.effects.drive.ScrewPitchError`)
 MOST_PITCH_ERROR = 2.0e-5
 MOST_LEAD_ERROR = REGISTRY["screw_pitch_error"].parameters["cumulative"].maximum    # of the lead
 

@@ -100,6 +100,7 @@ class Spectrum:
         self.count = max(int(self.mask.sum()), 1)
         self.off = self.mask & (channel.mean(p.off.astype(float)) == 1.0)
         # and not where the stage only turns round: what a sine repeats there has lines at its harmonics
+        # a binary opening, at a fraction of its time; the width is even
         self.lasting = maximum_filter1d(minimum_filter1d(self.mask, LASTING, mode="constant"), LASTING,
                                         mode="constant", origin=-1)
         scale = np.sqrt(np.mean(self.values[self.mask] ** 2)) if self.mask.any() else 1.0

@@ -38,7 +38,7 @@ def test_a_payload_winds_up_the_drive_train_by_its_inertia_too(axis, seed):
     learn, held, _ = records(axis, "self_tuning_observer", "there and back", {"payload_change": {"mass_kg": 5.86}}, seed)
     answer = diagnose_records(axis, learn, held, [], seed=0)
     assert [cause.id for cause in answer.causes] == ["payload_change"] and not answer.rivals
-    assert answer.causes[0].parameters["mass_kg"].value == pytest.approx(5.86, rel=0.2)
+    assert answer.causes[0].parameters["mass_kg"].value == pytest.approx(5.86, rel=0.15)
 
 
 @pytest.mark.parametrize(("law", "programme", "effects", "seed"), [
