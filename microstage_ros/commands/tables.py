@@ -22,7 +22,8 @@ DIAGNOSIS = (
         "campaign", "fault_injection", "second_world", "simulated_records", "ways")),
     "model", "solver")
 FORCE_BALANCE = (*(f"diagnosis/resimulation/{name}.py" for name in (
-    "candidates", "closed_loop", "diagnose", "fewer", "fit", "folds", "pictures", "rests", "selection")),
+    "candidates", "closed_loop", "diagnose", "fewer", "fit", "folds", "noise", "pictures", "rests",
+    "selection")),
     "solver", "control/laws")
 FIRST_DAY = ("commissioning", "identification", "control", "model", "solver")
 CODE = {("figures", "emps"): FORCE_BALANCE, ("figures", "first-day"): FIRST_DAY, "figures": DIAGNOSIS,

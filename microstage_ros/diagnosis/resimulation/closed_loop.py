@@ -18,6 +18,7 @@ from microstage_ros.diagnosis.resimulation.rests import rows_that_tell
 from microstage_ros.model.actuators import actuator_of
 from microstage_ros.model.axis_file import Axis
 from microstage_ros.quantities.errors import InputError
+from microstage_ros.solver.period import as_array, read
 from microstage_ros.solver.plant import NoiseSpec, make_plant, new_readings, new_state, new_work
 
 LAW_MISMATCH = 0.05            # share of the command that the controller of the axis file may leave unexplained
@@ -25,6 +26,7 @@ HOMING_TRIES = 12              # places of the turn tried first: four per cycle 
 START_ROWS = 10                # rows from which the speed at the start is taken
 COUNTS = ("sensors.encoder.resolution", "sensors.encoder.bits", "drive.dac_bits", "drive.command_bits")
 NOISES = 3.0                   # standard deviations of the sensor within which a start is that of the reference
+READINGS_TRIED = 4             # derived: a sensor's slope is within 1 % of one, and 0.01⁴ is less than a rounding of µm
 ENCODER, VOLTAGE = TRACE.index("encoder_m"), TRACE.index("voltage_V")
 
 
@@ -110,6 +112,29 @@ def _start(record, axis):
         place, noise = float(first.mean()), axis.value("sensors.encoder.noise")
         return (float(reference[0]) if abs(place - reference[0]) <= NOISES * noise else place), 0.0
     return float(first[0]), float(np.polyfit(np.arange(START_ROWS) * axis.value("period"), first, 2)[1])
+
+
+def _stage_at_start(axis, plant, part):
+    """Where the stage stands [m] when its sensor, without noise, reads what the `Measured` ``part`` begins with.
+
+    A tilted capacitive sensor reads nanometres beside its place: a piezo that begins there keeps them in its
+    hysteresis. A drive that holds a position stands on its target where the sensor reads as it would there.
+    """
+    if actuator_of(axis).holds_position:
+        target, noise = float(part.reference[0]), axis.value("sensors.encoder.noise")
+        if abs(_reading_at(plant, target) - part.position_at_start) <= NOISES * noise:
+            return target
+    place = part.position_at_start
+    for _ in range(READINGS_TRIED):
+        place += part.position_at_start - _reading_at(plant, place)
+    return place
+
+
+def _reading_at(plant, place):
+    """What the position sensor of a ``plant`` reads with its stage at rest at a ``place`` [m]."""
+    readings = new_readings()
+    read(as_array(plant), as_array(new_state(plant, position=place)), as_array(readings))
+    return float(readings["encoder"])
 
 
 def _first(record):
@@ -227,26 +252,31 @@ class ClosedLoop:
         trace = np.concatenate([self._trace(turned(axis, shift), part) for shift, part in zip(self.shifts, self.parts)])
         return actuator_of(axis).judged(axis)[0] * trace[:, VOLTAGE], trace[:, ENCODER]
 
-    def stated_noise(self, axis):
-        """Rms [unit of the residual] of what the noise that the axis file states makes of the command, through the
-        model's own loop (`Actuator.judged`).
+    def stated_noise(self, axis, draws):
+        """What the noise that the axis file states makes of the command, through the model's own loop
+        (`Actuator.judged`), shape (draws, rows) [unit of the residual].
 
-        Drive, sensor and random friction as the file has them, each record once with a seed of its own, against none.
+        Drive, sensor and random friction as the file has them, each record once in each draw with a seed of its own,
+        against none.
         """
-        made = [
-            self._trace(axis, part, seed=k + 1)[:, VOLTAGE] - self._trace(axis, part)[:, VOLTAGE]
-            for k, part in enumerate(self.parts)
-        ]
-        return actuator_of(axis).judged(axis)[0] * float(np.sqrt(np.mean(np.concatenate(made)[self.tells] ** 2)))
+        still = [self._trace(axis, part)[:, VOLTAGE] for part in self.parts]
+
+        def draw(k):
+            return np.concatenate([
+                self._trace(axis, part, seed=k * len(self.parts) + place + 1)[:, VOLTAGE] - without
+                for place, (part, without) in enumerate(zip(self.parts, still))
+            ])
+
+        drawn = self._pool.map(draw, range(draws)) if self._pool else map(draw, range(draws))
+        return actuator_of(axis).judged(axis)[0] * np.array(list(drawn))
 
     @staticmethod
     def _trace(axis, part, seed=None):
         """Re-simulation of one record, without counts and noise where no ``seed`` is given."""
-        if seed is None:
-            plant = make_plant(axis.with_values({key: 0 for key in COUNTS if axis.has(key)}), noise=NoiseSpec.none())
-        else:
-            plant = make_plant(axis)
-        state = new_state(plant, seed=seed or 0, position=part.position_at_start, speed=part.speed_at_start)
+        exact = make_plant(axis.with_values({key: 0 for key in COUNTS if axis.has(key)}), noise=NoiseSpec.none())
+        plant = exact if seed is None else make_plant(axis)
+        start = _stage_at_start(axis, exact, part)
+        state = new_state(plant, seed=seed or 0, position=start, speed=part.speed_at_start)
         controller = _primed(part.designed_for, part.position_at_start, part.speed_at_start, part.target_before)
         trace = np.empty((len(part), len(TRACE)))
         run_loop(

@@ -10,16 +10,16 @@ from microstage_ros.diagnosis.report.experiment import WHY, condition_of, separa
 from microstage_ros.diagnosis.resimulation import pictures
 from microstage_ros.diagnosis.resimulation.candidates import candidates, joint_candidates, own_candidates
 from microstage_ros.diagnosis.resimulation.closed_loop import ClosedLoop, measured, turning_effects
-from microstage_ros.diagnosis.resimulation.fit import BLOCK_S, Model, fit, standard_errors
+from microstage_ros.diagnosis.resimulation.fit import BLOCK_S, Model, fit
 from microstage_ros.diagnosis.resimulation.folds import (
     HELD_BACK,
     bootstrap_interval,
     make_folds,
     mean_square,
-    noise_floor,
     repetition,
 )
-from microstage_ros.diagnosis.resimulation.selection import AT_THE_FLOOR, Selector
+from microstage_ros.diagnosis.resimulation.noise import noise_of
+from microstage_ros.diagnosis.resimulation.selection import Selector
 from microstage_ros.diagnosis.result import Cause, Diagnosis, Improvement, OverallImprovement, Parameter, Rivals
 from microstage_ros.diagnosis.stored_calibration import stored_calibration
 from microstage_ros.model.actuators import actuator_of
@@ -55,16 +55,11 @@ def diagnose_force_axis(axis, records, holdout=(), baseline=(), seed=0, progress
     folds = make_folds(parts, [False] * len(records) + [True] * len(holdout))
     loop = ClosedLoop(parts, jobs)
     loop.home(axis, every=True)
-    floor = max(noise_floor(parts, loop.residual(axis)), healthy)
-    if not baseline:
-        floor = max(floor, loop.stated_noise(axis))
-    floor = math.hypot(
-        floor, actuator_of(axis).judged(axis)[0] * actuator_of(axis).command_step(axis) / math.sqrt(12.0)
-    )
-    selector = Selector(loop, folds, axis.value("period"), floor, progress)
+    noise = noise_of(axis, loop, folds, healthy)
+    selector = Selector(loop, folds, axis.value("period"), noise, progress)
     learnt = parts[: len(records)]
     selection = selector.select(Model.of(axis), own_candidates(axis), candidates(axis, learnt), joint_candidates(axis))
-    return _answer(axis, parts, folds, loop, selection, floor, records, holdout, seed)
+    return _answer(axis, parts, folds, loop, selection, noise, records, holdout, seed)
 
 
 def _on_baseline(axis, baseline):
@@ -74,12 +69,12 @@ def _on_baseline(axis, baseline):
     return model.extended, float(np.sqrt(np.mean(residual[loop.tells] ** 2)))
 
 
-def _answer(axis, parts, folds, loop, selection, floor, records, holdout, seed):
+def _answer(axis, parts, folds, loop, selection, noise, records, holdout, seed):
     period, last = axis.value("period"), selection.final
     _, unit, quantity = actuator_of(axis).judged(axis)
     before, after = (math.sqrt(mean_square(stage.residual, folds.held)) for stage in (selection.given, last))
     alone = {name: math.sqrt(mean_square(stage.residual, folds.held)) for name, stage in selection.without.items()}
-    errors = standard_errors(last.columns[folds.learn], last.residual[folds.learn], int(BLOCK_S / period))
+    errors = selection.errors
     causes, rivals, provisional, open_share = [], [], {}, 0.0
     for position, cause in enumerate(last.model.chosen):
         found = _cause(cause, _errors_of(last.model, errors, position), selection.shares[cause.candidate.id],
@@ -103,13 +98,13 @@ def _answer(axis, parts, folds, loop, selection, floor, records, holdout, seed):
         _held_names(records, holdout, parts),
         before,
         after,
-        floor,
+        noise.floor,
         bootstrap_interval(last.residual[own], block, seed),
     )
     names = [cause.candidate.id for cause in last.model.chosen]
     stays = after if holdout or names else min(after, math.sqrt(last.time))
     return Diagnosis(
-        _verdict(causes, rivals, open_share, stays, floor),
+        _verdict(causes, rivals, open_share, stays, noise.limit),
         tuple(causes),
         tuple(rivals),
         gain,
@@ -146,18 +141,19 @@ def _why(ids, found):
             + WHY[condition_of(ids)])
 
 
-def _verdict(causes, rivals, open_share, after, floor):
+def _verdict(causes, rivals, open_share, after, limit):
     """One of `diagnosis.VERDICTS`.
 
-    Without a cause ``after`` is what the axis's own numbers leave when they are fitted again: a file's numbers may be a
-    little off (`selection.OWN_CHANGE`), and friction has another level on another day. Of one record both kinds of time
-    have to show it, what was learned from and what was held back.
+    ``limit``: rms up to which there is nothing to explain (`Noise`). Without a cause ``after`` is what the axis's own
+    numbers leave when they are fitted again: a file's numbers may be a little off (`selection.OWN_CHANGE`), and
+    friction has another level on another day. Of one record both kinds of time have to show it, what was learned from
+    and what was held back.
     """
     if not causes and not rivals:
-        return "unexplained" if after > AT_THE_FLOOR * floor else "agrees"
+        return "unexplained" if after > limit else "agrees"
     if rivals and (open_share >= OPEN or not causes):
         return "undetermined"
-    return "explained" if after <= AT_THE_FLOOR * floor else "partly_explained"
+    return "explained" if after <= limit else "partly_explained"
 
 
 def _held_names(records, holdout, parts):

@@ -34,11 +34,13 @@ CLASSES = (0.0, 0.9, 0.97, 1.0)    # edges of the classes of stated probabilitie
 
 
 class Case(NamedTuple):
-    """One case to be: with the campaign's seed, its number decides everything; ``drive``: one of `DRIVES`."""
+    """One case to be: with the campaign's seed, its number decides everything; ``drive``: one of `DRIVES`; ``kind``:
+    one of `KINDS`, drawn if it is empty."""
 
     seed: int
     number: int
     drive: str = "force"
+    kind: str = ""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -63,7 +65,7 @@ def examine(case):
     """The `Outcome` of a `Case`."""
     generator, drive = np.random.default_rng([case.seed, case.number]), DRIVES[case.drive]
     axis = drawn_axis(drive, generator)
-    effects = _drawn_effects(drive, axis, generator)
+    effects = _drawn_effects(drive, axis, generator, case.kind)
     hidden = axis.with_effects(effects) if effects else axis
     noise = drive.noise(generator)
     with_baseline, with_holdout = generator.uniform(size=2) < 0.5
@@ -84,9 +86,11 @@ def examine(case):
                    tuple(one.ids for one in answer.rivals), stated, bool(baseline), repeats[0])
 
 
-def _drawn_effects(drive, axis, generator):
-    """{id: parameters} of one effect, two or none that this `Drive` can have, clearly visible on the ``axis``."""
-    count = {"one": 1, "two": 2, "healthy": 0}[str(generator.choice(KINDS, p=SHARES))]
+def _drawn_effects(drive, axis, generator, kind):
+    """{id: parameters} of one effect, two or none that this `Drive` can have, clearly visible on the ``axis``; how
+    many: a ``kind`` of `KINDS`, or drawn."""
+    drawn = str(generator.choice(KINDS, p=SHARES))
+    count = {"one": 1, "two": 2, "healthy": 0}[kind or drawn]
     sizes = drive.sizes(axis, generator)
     return {str(name): sizes[str(name)] for name in generator.choice(sorted(sizes), count, replace=False)}
 
@@ -94,14 +98,16 @@ def _drawn_effects(drive, axis, generator):
 def report(outcomes):
     """The figures of ``outcomes``, `Outcome` each, as lines of text with 95 % intervals."""
     hidden = [one for one in outcomes if one.hidden]
-    healthy = [bool(one.named or one.rivals) for one in outcomes if not one.hidden]
+    healthy = [one for one in outcomes if not one.hidden]
+    named = [bool(one.named or one.rivals) for one in healthy]
     wrong = [bool(set(one.named) - set(one.hidden)) for one in outcomes]
     stated = [cause for one in outcomes for cause in one.stated]
     lines = [
         f"first name right, or a rival right: {rate(sum(_first(one) for one in hidden), len(hidden))}",
         f"nothing seen of what is hidden: {rate(sum(one.verdict == 'agrees' for one in hidden), len(hidden))}",
         f"a wrong name anywhere: {rate(sum(wrong), len(wrong))}",
-        f"healthy axes with a name or rivals: {rate(sum(healthy), len(healthy))}",
+        f"healthy axes with a name or rivals: {rate(sum(named), len(healthy))}",
+        f"healthy axes unexplained: {rate(sum(one.verdict == 'unexplained' for one in healthy), len(healthy))}",
         f"names right: {rate(sum(cause[3] for cause in stated), len(stated))}",
     ]
     for low, high in zip(CLASSES, CLASSES[1:]):
@@ -124,11 +130,12 @@ def main(argv=None):
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--jobs", type=int, default=2, help="processes")
     parser.add_argument("--drive", choices=sorted(DRIVES), default="force")
+    parser.add_argument("--kind", choices=KINDS, default="", help="what to hide in every case (default: drawn)")
     parser.add_argument("--calibrate", metavar="FILE")
     parser.add_argument("--verbose", action="store_true")
     arguments = parser.parse_args(argv)
     outcomes = []
-    cases = [Case(arguments.seed, number, arguments.drive) for number in range(arguments.cases)]
+    cases = [Case(arguments.seed, number, arguments.drive, arguments.kind) for number in range(arguments.cases)]
     fresh = multiprocessing.get_context("spawn")     # processes that inherit no threads
     with concurrent.futures.ProcessPoolExecutor(arguments.jobs, mp_context=fresh) as pool:
         for outcome in pool.map(examine, cases):

@@ -191,13 +191,20 @@ def solve(columns, target):
     return np.linalg.lstsq(columns / scale, target, rcond=1e-9)[0] / scale
 
 
-def standard_errors(columns, residual, block):
-    """Sandwich standard errors of θ, shape (parameters,); ``columns`` of shape (rows, p); ``block``: rows per block
-    [1]."""
+def standard_errors(columns, residual, block, drawn=None):
+    """Standard errors of θ, shape (parameters,): those of the sandwich, or what noise makes of θ, if that is more.
+
+    ``columns`` of shape (rows, p). ``block``: rows per block [1]. ``drawn``: residuals that noise alone makes, shape
+    (draws, rows): θ is fitted to each of them. Few blocks hold less than the scatter of noise that outlasts them.
+    """
     scale = np.linalg.norm(columns, axis=0)
     scale[scale == 0.0] = 1.0
     scaled = columns / scale
     inverse = np.linalg.pinv(scaled.T @ scaled, rcond=1e-9)
     scores = np.add.reduceat(scaled * residual[:, None], np.arange(0, len(residual), block), axis=0)
     covariance = inverse @ (scores.T @ scores) @ inverse
-    return np.sqrt(np.maximum(np.diag(covariance), 0.0)) / scale
+    errors = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    if drawn is not None:
+        by_noise = inverse @ (scaled.T @ drawn.T)
+        errors = np.maximum(errors, np.sqrt(np.mean(by_noise**2, axis=1)))
+    return errors / scale

@@ -8,7 +8,6 @@ this motion by heart cannot pass.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import signal
 
 from microstage_ros.diagnosis.resimulation.fit import solve
 from microstage_ros.diagnosis.resimulation.rests import TELLING
@@ -17,12 +16,7 @@ PARTS = 6                      # parts left out in turn
 HELD_BACK = 0.3                # share of the time held back where no record is given for it
 STRETCHES = 10                 # pieces of a motion without repetition, of which every third is held back
 REPEAT = 1e-3                  # a motion repeats itself if it differs by less than this share of its stroke
-FAST = 0.1                     # of the sampling rate: motion and loop are slower
 BOOTSTRAP = 500
-# s after a disturbance has ended until the loop has forgotten it: 16 time constants of a position loop
-# with a gain of 160 1/s (config/emps.yaml), e^-16 of a pulse of 175 N
-SETTLING = 0.1
-ENOUGH_ALIKE = 0.05            # of the repeated rows that must have been alike for the repetitions to say what noise is
 
 
 @dataclass(frozen=True)
@@ -131,37 +125,3 @@ def bootstrap_interval(residual, block, seed):
     drawn = np.random.default_rng(seed).integers(0, len(starts), (BOOTSTRAP, len(starts)))
     rms = np.sqrt(sums[drawn].sum(axis=1) / counts[drawn].sum(axis=1))
     return tuple(float(v) for v in np.quantile(rms, [0.025, 0.975]))
-
-
-def noise_floor(parts, residual):
-    """Rms of the force that no model of the motion can explain [N].
-
-    What differs between repetitions of a record's own motion, on rows where nothing else differed: a disturbance that
-    was added on purpose in one repetition and not in the other (`Measured.disturbance`) makes them differ without any
-    noise, and goes on for `SETTLING` in the loop. Without repetition, or with less than `ENOUGH_ALIKE` of it left, what
-    lies above `FAST` of the sampling rate in the ``residual`` (measured minus simulated, the records one after the
-    other), where neither the loop nor the motion reaches: the encoder's noise through the controller.
-    """
-    repeated = [(part, rows) for part, rows in ((part, repetition(part.reference)) for part in parts) if rows]
-    if repeated:
-        alike = np.concatenate([_between_repetitions(part, rows) for part, rows in repeated])
-        if len(alike) >= ENOUGH_ALIKE * sum(len(part) - rows for part, rows in repeated):
-            return float(np.sqrt(np.mean(alike**2) / 2.0))
-    sections = signal.butter(4, 2.0 * FAST, "highpass", output="sos")
-    tells = np.concatenate([part.tells for part in parts])
-    fast = signal.sosfiltfilt(sections, residual)[tells] / np.sqrt(1.0 - 2.0 * FAST)
-    return float(np.sqrt(max(np.mean([part.law**2 for part in parts]), np.mean(fast**2))))
-
-
-def _between_repetitions(part, period_rows):
-    """Difference of the force between one repetition and the next [N], on rows that both went through undisturbed or
-    alike."""
-    change = part.force[period_rows:] - part.force[:-period_rows]
-    unlike = part.disturbance[period_rows:] != part.disturbance[:-period_rows]
-    reach = max(int(round(SETTLING / (part.time[1] - part.time[0]))), 1)
-    # a row counts if the disturbances agreed on it and on all rows within `reach` before it
-    since = np.convolve(unlike, np.ones(reach + 1), "full")[: len(unlike)]
-    alike = since < 0.5
-    alike[: len(change) // 50] = False      # the start of the record
-    alike &= part.tells[period_rows:] & part.tells[:-period_rows]
-    return change[alike]

@@ -29,7 +29,6 @@ LARGEST_COUNT = 8              # causes
 CERTAIN = 4.0                  # size over standard error; with about 15 candidates a healthy axis passes in < 0.1 %
 LOOK_ALIKE = 0.15              # rivals differ in gain by less than this share of it
 REPLACED = 0.3                 # and gain less than this share of it on top of the chosen one
-AT_THE_FLOOR = 1.25            # residual over noise up to which there is nothing to explain
 RULED_OUT = 1.0e-3             # chance that an effect which explains the records as well is ruled out as a rival
 REFITTED = 3                   # candidates fitted at every step
 
@@ -56,7 +55,8 @@ class Selection:
 
     ``given``, ``own``, ``final``: `Stage` of the axis as given, with its own numbers fitted, with all causes.
     ``without``: {id: `Stage` without this cause, all else fitted again}. ``rivals``: {id: [ids that the records
-    cannot tell from it]}. ``shares``: {id: share of what is held back [1]}.
+    cannot tell from it]}. ``shares``: {id: share of what is held back [1]}. ``errors``: standard errors of all numbers
+    of ``final``, shape (parameters,), in the unit of each.
     """
 
     given: Stage
@@ -65,6 +65,7 @@ class Selection:
     without: dict
     rivals: dict
     shares: dict
+    errors: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -104,8 +105,9 @@ class Selector:
 
     given: Stage
 
-    def __init__(self, loop, folds, period, floor, progress=None):
-        self.loop, self.folds, self.floor, self.progress = loop, folds, floor, progress or (lambda text: None)
+    def __init__(self, loop, folds, period, noise, progress=None):
+        self.loop, self.folds, self.noise, self.progress = loop, folds, noise, progress or (lambda text: None)
+        self.drawn = None if noise.drawn is None else noise.drawn[:, folds.learn]
         self.excess = 0.0      # mean square above the noise where a forward selection begins
         self.block = max(int(BLOCK_S / period), 1)
 
@@ -129,22 +131,22 @@ class Selector:
         keys = model.keys
         nominal = model.holding(keys)
         given = self.stage(nominal, self.loop.residual(nominal.extended))
-        self.excess = max(given.time - self.floor**2, 0.0)
+        self.excess = max(given.time - self.noise.floor**2, 0.0)
         self.given = given
         own = self.refit(model)
-        if given.time <= (AT_THE_FLOOR * self.floor) ** 2:
-            return Selection(given, own, given, {}, {}, {})
+        if given.time <= self.noise.seen**2:
+            return Selection(given, own, given, {}, {}, {}, self.errors(given))
         rivals = {}
         last = self.forward(given, rivals, own_pool, OWN_GAIN)
         named = {key for cause in last.model.chosen for key in cause.candidate.stands_for}
         last = self.refit(last.model.freeing([key for key in keys if key not in named]))
-        self.excess = max(last.time - self.floor**2, 0.0)
+        self.excess = max(last.time - self.noise.floor**2, 0.0)
         last = self.refit(self.forward(last, rivals, pool, SMALLEST_GAIN).model)
         last, without = self.check_backward(self.without_own(last, rivals, pool))
         last, without = fewer.fewest(self, last, without, rivals, [*own_pool, *pool, *joint], SMALLEST_GAIN)
         for cause in last.model.chosen:
             rivals[cause.candidate.id] = self.exchanged(cause.candidate, last, without, rivals, own_pool)
-        return Selection(given, own, last, without, rivals, self.shares(last, without))
+        return Selection(given, own, last, without, rivals, self.shares(last, without), self.errors(last))
 
     def without_own(self, last, rivals, pool):
         """The `Stage` in which the axis's own numbers are fitted along and named no more, with another cause of the
@@ -265,13 +267,18 @@ class Selector:
         return (worse.time - better.time > max(smallest * worse.time, enough)
                 and worse.motion - better.motion > smallest * worse.motion)
 
+    def errors(self, stage):
+        """Standard errors of all numbers of a `Stage`, shape (parameters,)."""
+        learn = self.folds.learn
+        return standard_errors(stage.columns[learn], stage.residual[learn], self.block, self.drawn)
+
     def certainty(self, stage, cause):
         """Largest size of a `Chosen` ``cause`` of the ``stage``, a `Stage`, over its standard error with its shape held
         [1]: whether there is such an effect, not how large it is by what power of the speed."""
         learn, first, sizes = self.folds.learn, stage.model.place(cause.candidate.id), len(cause.candidate.sizes)
         shapes = np.arange(first + sizes, first + len(cause.values))
         columns = np.delete(stage.columns[learn], shapes, axis=1)
-        errors = standard_errors(columns, stage.residual[learn], self.block)
+        errors = standard_errors(columns, stage.residual[learn], self.block, self.drawn)
         return float(np.max(np.abs(cause.values[:sizes]) / np.maximum(errors[first: first + sizes], 1e-300)))
 
     def look_alikes(self, best, trials, now):
@@ -281,7 +288,7 @@ class Selector:
         none of them: Fisher's F of the two, every block of `fit.BLOCK_S` counted as one degree of freedom.
         """
         gain, found, blocks = now.time - best.time, [], max(int(np.sum(self.folds.learn)) // self.block, 1)
-        at_noise = best.time <= (AT_THE_FLOOR * self.floor) ** 2
+        at_noise = best.time <= self.noise.limit**2
         most = best.time * fisher.isf(RULED_OUT, blocks, blocks) if at_noise else np.inf
         for trial in trials:
             candidate = trial.last.candidate
@@ -322,7 +329,7 @@ class Selector:
 
     def at_the_floor(self, stage):
         """Whether a `Stage` leaves nothing to explain, neither on time left out nor on what was held back."""
-        most = (AT_THE_FLOOR * self.floor) ** 2
+        most = self.noise.seen**2
         return stage.time <= most and mean_square(stage.residual, self.folds.held) <= most
 
     def shares(self, last, without):
@@ -334,7 +341,7 @@ class Selector:
         held = self.folds.held
         final, given = (mean_square(stage.residual, held) for stage in (last, self.given))
         saved = {name: max(mean_square(stage.residual, held) - final, 0.0) for name, stage in without.items()}
-        removed = min(max(given - final, 0.0) / max(given - self.floor**2, 1e-300), 1.0)
+        removed = min(max(given - final, 0.0) / max(given - self.noise.floor**2, 1e-300), 1.0)
         total = max(sum(saved.values()), 1e-300)
         return {name: removed * one / total for name, one in saved.items()}
 

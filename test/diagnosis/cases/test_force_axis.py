@@ -159,10 +159,12 @@ def test_the_report_of_an_examination_counts_what_was_said():
         outcome(("gravity_tilt",), (), (("amplifier_offset", "gravity_tilt"),), "undetermined"),
         outcome(("gravity_tilt",), (), (), "agrees"),
         outcome((), (), (), "agrees"),
+        outcome((), (), (), "unexplained"),
     ])
     assert lines[0].startswith("first name right, or a rival right: 2 of 3")
     assert lines[1].startswith("nothing seen of what is hidden: 1 of 3")
-    assert lines[2].startswith("a wrong name anywhere: 1 of 4")
-    assert lines[3].startswith("healthy axes with a name or rivals: 0 of 1")
-    assert lines[4].startswith("names right: 1 of 2")
-    assert [line[:26] for line in lines[5:]] == ["stated 0.9 to 0.97, mean 0", "stated 0.97 to 1, mean 0.9"]
+    assert lines[2].startswith("a wrong name anywhere: 1 of 5")
+    assert lines[3].startswith("healthy axes with a name or rivals: 0 of 2")
+    assert lines[4].startswith("healthy axes unexplained: 1 of 2")
+    assert lines[5].startswith("names right: 1 of 2")
+    assert [line[:26] for line in lines[6:]] == ["stated 0.9 to 0.97, mean 0", "stated 0.97 to 1, mean 0.9"]

@@ -9,6 +9,7 @@ from microstage_ros.diagnosis.resimulation import fewer
 from microstage_ros.diagnosis.resimulation.candidates import candidates, joint_candidates, own_candidates
 from microstage_ros.diagnosis.resimulation.fit import Model
 from microstage_ros.diagnosis.resimulation.folds import PARTS, Folds
+from microstage_ros.diagnosis.resimulation.noise import Noise
 from microstage_ros.diagnosis.resimulation.selection import Selector
 from microstage_ros.model.axis_file import load_axis
 from microstage_ros.model.effects.drive import GRAVITY
@@ -63,7 +64,7 @@ def selected(axis, hidden, seed):
     """({ids of the causes}, {id: rivals}) of records in which this is ``hidden``; seven tenths are learnt from."""
     loop, learn = KnownMotion(axis, hidden, seed), np.arange(ROWS) < 0.7 * ROWS
     turn = (np.cumsum(learn) - 1) * PARTS // learn.sum()
-    selector = Selector(loop, Folds(learn, ~learn, [learn & (turn == k) for k in range(PARTS)], [], 0), PERIOD, NOISE)
+    selector = Selector(loop, Folds(learn, ~learn, [learn & (turn == k) for k in range(PARTS)], [], 0), PERIOD, Noise.of(NOISE))
     pool = [one for one in candidates(axis, loop.parts) if one.id in ("nonlinear_viscous", "direction_asymmetry")]
     found = selector.select(Model.of(axis), own_candidates(axis), pool, joint_candidates(axis))
     return {cause.candidate.id for cause in found.final.model.chosen}, found.rivals
