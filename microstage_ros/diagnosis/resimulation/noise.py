@@ -58,11 +58,13 @@ def noise_of(axis, loop, folds, healthy):
         floor = max(floor, stated)
     factor, _, _ = actuator_of(axis).judged(axis)
     floor = math.hypot(floor, factor * actuator_of(axis).command_step(axis) / math.sqrt(12.0))
+    # what a drive that sets a position leaves is noise or a cause; a force holds what its model misfits, too
+    seen = 0.0 if actuator_of(axis).holds_position else AT_THE_FLOOR * floor
+    if not stated > 0.0:
+        return Noise(floor, AT_THE_FLOOR * floor, AT_THE_FLOOR * floor)
     # what is judged scatters, and so does a floor that is one record's
     scatter = [float(np.std(np.log(_rms(drawn[:, rows], 1)))) for rows in (folds.held, loop.tells)]
     limit = floor * max(AT_THE_FLOOR, math.exp(BY_CHANCE * (math.hypot(*scatter) if healthy else scatter[0])))
-    # what a drive that sets a position leaves is noise or a cause; a force holds what its model misfits, too
-    seen = 0.0 if actuator_of(axis).holds_position else AT_THE_FLOOR * floor
     return Noise(floor, limit, seen, drawn * max(healthy / stated, 1.0))
 
 

@@ -27,6 +27,8 @@ OWN_GAIN = 0.10                # smallest gain of a change of the axis's own num
 OWN_CHANGE = 0.05              # and smallest change: a file's numbers may be a little off
 LARGEST_COUNT = 8              # causes
 CERTAIN = 4.0                  # size over standard error; with about 15 candidates a healthy axis passes in < 0.1 %
+CERTAIN_IF_FAINT = 20.0        # the same of a cause below `SMALLEST_SHARE`, which may be what a larger one misfits: of
+# twelve such beside causes of a stepper and a piezo the two wrong ones had 14 and 15 (`examination --kind two`, 3113)
 LOOK_ALIKE = 0.15              # rivals differ in gain by less than this share of it
 REPLACED = 0.3                 # and gain less than this share of it on top of the chosen one
 RULED_OUT = 1.0e-3             # chance that an effect which explains the records as well is ruled out as a rival
@@ -145,7 +147,10 @@ class Selector:
         last, without = self.check_backward(self.without_own(last, rivals, pool))
         last, without = fewer.fewest(self, last, without, rivals, [*own_pool, *pool, *joint], SMALLEST_GAIN)
         for cause in last.model.chosen:
-            rivals[cause.candidate.id] = self.exchanged(cause.candidate, last, without, rivals, own_pool)
+            name = cause.candidate.id
+            if not self.noise.seen:
+                rivals[name] = self.alike_still(cause.candidate, last, without, rivals, [*own_pool, *pool])
+            rivals[name] = self.exchanged(cause.candidate, last, without, rivals, own_pool)
         return Selection(given, own, last, without, rivals, self.shares(last, without), self.errors(last))
 
     def without_own(self, last, rivals, pool):
@@ -168,6 +173,33 @@ class Selector:
             return last
         rivals.update(found)
         return other
+
+    def alike_still(self, candidate, last, without, rivals, forms):
+        """Ids of the rivals of a cause of the ``last`` `Stage` that gain as much in its place beside the other causes,
+        too, with all else fitted again. They were found beside those before it: what a delay leaves makes a gain and a
+        hysteresis alike.
+
+        ``candidate``: the cause's `Candidate`. ``without`` {id: `Stage`}, ``rivals`` {id: ids}: of `Selection`.
+        ``forms``: `Candidate` of all rivals.
+        """
+        name, found = candidate.id, []
+        base, taken = without[name], {cause.candidate.id for cause in last.model.chosen}
+        enough = base.time - (1 - LOOK_ALIKE) * (base.time - last.time)
+        for other in forms:
+            if other.id in rivals.get(name, ()) and other.id not in found and other.id not in taken:
+                begun = (self.initial_model(base, other, shape) for shape in other.starts())
+                if min(self.refit(model).time for model in begun) <= min(enough, self.most_alike(last)):
+                    found.append(other.id)
+        return found
+
+    def most_alike(self, best):
+        """Mean square up to which another effect may explain as much as the ``best`` `Stage` does.
+
+        Where that leaves nothing but noise, what equal variances allow: Fisher's F of the two, every block of
+        `fit.BLOCK_S` counted as one degree of freedom.
+        """
+        blocks = max(int(np.sum(self.folds.learn)) // self.block, 1)
+        return best.time * fisher.isf(RULED_OUT, blocks, blocks) if best.time <= self.noise.limit**2 else np.inf
 
     def exchanged(self, candidate, last, without, rivals, own_pool):
         """Ids of the rivals of a cause of the ``last`` `Stage`: those that it had, and such as stand for the same
@@ -258,12 +290,18 @@ class Selector:
     def pays(self, trial, now, smallest):
         """Whether the trial gains enough, ``smallest`` [1], on both kinds of left-out parts, with certainty."""
         own = trial.last.candidate.stands_for and abs(trial.last.relative) < OWN_CHANGE
-        return not own and self.certainty(trial, trial.last) > CERTAIN and self.gains(trial, now, smallest)
+        return not own and self.is_certain(trial, trial.last, now) and self.gains(trial, now, smallest)
+
+    def is_certain(self, better, cause, worse):
+        """Whether a `Chosen` ``cause`` of ``better`` is certain, the more so where ``worse`` leaves hardly more than
+        that without it, `Stage` each."""
+        faint = worse.time - better.time <= SMALLEST_SHARE * self.excess
+        return self.certainty(better, cause) > (CERTAIN_IF_FAINT if faint else CERTAIN)
 
     def gains(self, better, worse, smallest):
         """Whether the mean square falls enough from ``worse`` to ``better``, `Stage` each, by a share ``smallest``
         [1], on time and on motion left out."""
-        enough = SMALLEST_SHARE * self.excess
+        enough = SMALLEST_SHARE * self.excess if self.noise.seen else 0.0
         return (worse.time - better.time > max(smallest * worse.time, enough)
                 and worse.motion - better.motion > smallest * worse.motion)
 
@@ -282,14 +320,9 @@ class Selector:
         return float(np.max(np.abs(cause.values[:sizes]) / np.maximum(errors[first: first + sizes], 1e-300)))
 
     def look_alikes(self, best, trials, now):
-        """Other effects that gain as much as the best one and nothing on top of it.
-
-        Where the best one leaves nothing but noise, an effect whose mean square is larger than equal variances allow is
-        none of them: Fisher's F of the two, every block of `fit.BLOCK_S` counted as one degree of freedom.
-        """
-        gain, found, blocks = now.time - best.time, [], max(int(np.sum(self.folds.learn)) // self.block, 1)
-        at_noise = best.time <= self.noise.limit**2
-        most = best.time * fisher.isf(RULED_OUT, blocks, blocks) if at_noise else np.inf
+        """Ids of other effects, of ``trials``, that gain as much on ``now`` as the ``best`` `Stage` and nothing on top
+        of it; the mean squares are in the square of the residual's unit."""
+        gain, found, most = now.time - best.time, [], self.most_alike(best)
         for trial in trials:
             candidate = trial.last.candidate
             if (
@@ -315,7 +348,7 @@ class Selector:
             name, own = cause.candidate.id, cause.candidate.stands_for
             less = self.without(last, name)
             pays = self.gains(last, less, OWN_GAIN if own else SMALLEST_GAIN) and self.gains_held(last, less)
-            if not pays or self.certainty(last, cause) < CERTAIN or self.at_the_floor(less):
+            if not pays or not self.is_certain(last, cause, less) or self.at_the_floor(less):
                 self.progress(f"{name}: not needed")
                 return self.check_backward(self.refit(less.model.freeing(own)))
             without[name] = less
