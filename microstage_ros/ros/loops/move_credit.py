@@ -5,6 +5,12 @@ import time
 from microstage_ros.ros.loops.move_state import MoveState
 from microstage_ros.ros.transport.credit import repeat_after
 
+LOST_AFTER_S = 2.0
+"""Silence [s] of an active driver after which it waits for us: it sends a block of at most 20 ms at a time."""
+
+MOST_WINDOWS = 10
+"""How far it may run ahead of the last state that came, in windows [1]."""
+
 
 class MoveCredit(MoveState):
     """Flow control of `MoveServer`."""
@@ -38,7 +44,18 @@ class MoveCredit(MoveState):
                 self._granter.grant(self._latest[0] + self._window)  # the window has grown while nothing came
             elif time.monotonic() - self._repeated > repeat_after(self._latest[0] if self._latest else -1):
                 self._repeated = time.monotonic()
-                self._granter.grant(self._granter.until)
+                self._granter.grant(self._granter.until + self._missed())
+
+    def _missed(self):
+        """One window more [control periods] where nothing has come for so long that what we wait for was lost.
+
+        Blocks of a publisher that takes the place of one that refuses them (`blocks.Outlet`) are lost until we have
+        found it. The driver then stands at the end of what we have granted, and we wait for what it has sent: for ever.
+        """
+        if self._latest is None or self._held_since is not None or self._status is None or not self._status.active:
+            return 0
+        lost = time.monotonic() - self._heard > LOST_AFTER_S
+        return self._window if lost and self._granter.until < self._latest[0] + MOST_WINDOWS * self._window else 0
 
     def _pause_is_over(self):
         """Whether time has stood still for longer than it may without a request."""
