@@ -26,7 +26,7 @@ HOMING_TRIES = 12              # places of the turn tried first: four per cycle 
 START_ROWS = 10                # rows from which the speed at the start is taken
 COUNTS = ("sensors.encoder.resolution", "sensors.encoder.bits", "drive.dac_bits", "drive.command_bits")
 NOISES = 3.0                   # standard deviations of the sensor within which a start is that of the reference
-READINGS_TRIED = 4             # derived: a sensor's slope is within 1 % of one, and 0.01⁴ is less than a rounding of µm
+READINGS_TRIED = 4             # derived: slopes of shipped sensors are within 1 % of one, and 0.01⁴ is nothing
 ENCODER, VOLTAGE = TRACE.index("encoder_m"), TRACE.index("voltage_V")
 
 

@@ -20,7 +20,7 @@ FAST = 0.1                     # of the sampling rate: motion and loop are slowe
 SETTLING = 0.1
 ENOUGH_ALIKE = 0.05            # of the repeated rows that must have been alike for the repetitions to say what noise is
 AT_THE_FLOOR = 1.25            # residual over noise up to which there is nothing to explain, and more where it scatters
-BY_CHANCE = 2.6                # standard deviations; derived: two-sided normal quantile of 1 %
+BY_CHANCE = 2.6                # standard deviations; derived: a normal variable exceeds them once in 200 times
 DRAWN = 30                     # records drawn; derived: their standard deviation is known to 1/√(2·30), 13 %
 
 

@@ -27,8 +27,10 @@ OWN_GAIN = 0.10                # smallest gain of a change of the axis's own num
 OWN_CHANGE = 0.05              # and smallest change: a file's numbers may be a little off
 LARGEST_COUNT = 8              # causes
 CERTAIN = 4.0                  # size over standard error; with about 15 candidates a healthy axis passes in < 0.1 %
-CERTAIN_IF_FAINT = 20.0        # the same of a cause below `SMALLEST_SHARE`, which may be what a larger one misfits: of
-# twelve such beside causes of a stepper and a piezo the two wrong ones had 14 and 15 (`examination --kind two`, 3113)
+# the same of a cause below `SMALLEST_SHARE`, which may be what a larger one misfits. Calibrated by:
+# `resimulation.examination --kind two --seed 3113` (24 piezos, 20 steppers): of 13 such causes the two wrong ones had
+# 14 and 15, two right ones 10 and 18
+CERTAIN_IF_FAINT = 20.0
 LOOK_ALIKE = 0.15              # rivals differ in gain by less than this share of it
 REPLACED = 0.3                 # and gain less than this share of it on top of the chosen one
 RULED_OUT = 1.0e-3             # chance that an effect which explains the records as well is ruled out as a rival

@@ -51,8 +51,10 @@ class MoveCredit(MoveState):
 
         Blocks of a publisher that takes the place of one that refuses them (`blocks.Outlet`) are lost until we have
         found it. The driver then stands at the end of what we have granted, and we wait for what it has sent: for ever.
+        Not in runs that pause between moves: there each move begins at a period that no wall clock decides.
         """
-        if self._latest is None or self._held_since is not None or self._status is None or not self._status.active:
+        active = self._status is not None and self._status.active
+        if self._latest is None or self._held_since is not None or self.parameters.pause_s > 0.0 or not active:
             return 0
         lost = time.monotonic() - self._heard > LOST_AFTER_S
         return self._window if lost and self._granter.until < self._latest[0] + MOST_WINDOWS * self._window else 0
