@@ -115,3 +115,42 @@ def test_a_payload_is_the_mass_beyond_the_drives_own():
     frame = types.SimpleNamespace(drive=types.SimpleNamespace(mass=3.0))
     assert FAMILIES["payload_change", "resonance"].value(1.5, frame) == pytest.approx(1.5)
     assert FAMILIES["drive_compliance", "resonance"].value(0.4, frame) == FAMILIES["frictional_lag", "torque"].value(0.4, frame) == 0.4
+
+
+class Resonance:
+    """Rows of a record whose stretches of a quarter of a second fit best at one of ``sizes`` in turn, each of them cleanly."""
+
+    def __init__(self, sizes):
+        self.time = np.arange(ROWS) * 1.0e-3
+        self.best = np.log(np.resize(sizes, ROWS // 250)).repeat(250)
+        self.residual = np.zeros(ROWS)
+
+    def whiten(self, matrix):
+        return matrix, 0.0
+
+
+def valley(size):
+    """What a size leaves in every row: how far its logarithm is from the best one there."""
+    return lambda channel, frame: (channel.best - math.log(size))[:, None]
+
+
+def test_the_scatter_of_a_size_is_by_how_stretches_disagree():
+    """Two sizes, half of the stretches each: the mean of eight has a standard deviation of half their distance over the root of eight."""
+    family = Family(valley, "stiffness_factor", "1", lambda size, frame: size)
+    assert refinement._scatter([Resonance([0.5]), Resonance([0.5])], family, math.log(0.5), None) == 0.0
+    two = refinement._scatter([Resonance([0.4, 0.6])], family, math.log(0.5), None)
+    assert two == pytest.approx(0.5 * math.log(1.5) / math.sqrt(8.0), rel=0.15)
+    assert two == refinement._scatter([Resonance([0.4, 0.6])], family, math.log(0.5), None)      # no other draws
+
+
+def test_a_resonance_with_two_valleys_is_known_no_better_than_they_are_apart(monkeypatch):
+    """The bend of the deepest valley stated 3.6 to 5.5 kg, with an error of 0.3, of a payload of 5.9 kg on moves that hardly excite it."""
+    monkeypatch.setattr(refinement, "_scatter", lambda *given: 0.12)
+    family = Family(columns, "time_s", "s", lambda size, frame: 10.0 * size)
+    monkeypatch.setattr(refinement, "FAMILIES", {("drive_compliance", "resonance"): family})
+    collection = types.SimpleNamespace(frame=None, channels={"learn": [{"resonance": None}]},
+                                       gather=lambda channel, forms, group: gather(Rows(0.5), forms, None))
+    form = Form("drive_compliance", "resonance", "0.5", columns(0.5), None)
+    (choice,) = refine(collection, [Choice("drive_compliance", (form,))])
+    value, stderr, _ = choice.forms[0].sizes(None, None, None)[0]["time_s"]
+    assert stderr / value == pytest.approx(0.12, rel=0.02)

@@ -6,7 +6,7 @@ import numpy as np
 
 from microstage_ros.diagnosis.catalogue import electrical, friction
 from microstage_ros.diagnosis.catalogue.form import Form
-from microstage_ros.diagnosis.residuals.evidence_set import Choice
+from microstage_ros.diagnosis.residuals.evidence_set import STRETCH, Choice
 from microstage_ros.diagnosis.selection.sizes import LEAST_FORM_ERROR
 
 # of the size's logarithm; derived: two steps to either side cover what half of the step before leaves open
@@ -15,6 +15,10 @@ STEPS = (0.08, 0.03, 0.015)
 UNBENT = 0.05
 # with one step, while the best size lies at the end of those tried; derived: 5 · 2 steps of 8 % reach a factor of 2.2
 MOST_MOVES = 5
+# of the size's logarithm, tried for every stretch; derived: a factor of two to either side, as `resonant.MASS_REACH`,
+# in steps that a form's error of 0.06 does not see
+VALLEYS = np.linspace(-np.log(2.0), np.log(2.0), 29)
+DRAWS = 500      # derived: a standard deviation is known to 1/√1000, 3 %
 
 
 @dataclasses.dataclass(frozen=True)
@@ -66,6 +70,24 @@ def refine(collection, choices):
     return result
 
 
+def _scatter(channels, family, log, frame):
+    """Standard deviation of the ``log`` of a size at which least is left in the ``channels``, by how their stretches
+    disagree (bootstrap: B. Efron, Annals of Statistics 7 (1979) 1; drawn with a fixed seed).
+
+    A resonance that friction excites, and the motor hardly, has several valleys about as deep as one another; the bend
+    of the deepest knows nothing of the others.
+    """
+    left = []
+    for step in VALLEYS:
+        columns = family.columns(float(np.exp(log + step)))
+        white = [one.whiten(one.residual[:, None] - columns(one, frame))[0][:, 0] for one in channels]
+        counts = [max(round(STRETCH / float(one.time[1] - one.time[0])), 1) for one in channels]
+        left.append(np.concatenate([np.add.reduceat(w**2, np.arange(0, len(w), n)) for w, n in zip(white, counts)]))
+    stretches = len(left[0])
+    drawn = np.random.default_rng(0).multinomial(stretches, np.full(stretches, 1.0 / stretches), DRAWS)
+    return float(np.std(VALLEYS[np.argmin(np.array(left) @ drawn.T, axis=0)]))
+
+
 def _refined(collection, family, form, choices, choice):
     """The form at its best size; its sizes are that size itself, with the standard error of a parabola."""
     channel = form.channel
@@ -110,6 +132,9 @@ def _refined(collection, family, form, choices, choice):
         log = float(np.clip(log, at[0], at[-1]))
         if bend > 0:
             stderr = step * np.sqrt(2.0 / bend)
+    if channel == "resonance":
+        learn = [record[channel] for record in collection.channels["learn"]]
+        stderr = float(np.hypot(stderr, _scatter(learn, family, log, collection.frame)))
     size, stderr = float(np.exp(log)), float(np.hypot(stderr, LEAST_FORM_ERROR))
     value = float(family.value(size, collection.frame))
     error = abs(float(family.value(size * (1 + stderr), collection.frame)) - value)

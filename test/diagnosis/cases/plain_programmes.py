@@ -1,7 +1,7 @@
 """`diagnose` on records as a user makes them: the shipped axis under one of its laws, on short programmes.
 
     ./microstage shell python test/diagnosis/cases/plain_programmes.py [--law TYPE] [--programme NAME ...] [--effect NAME ...]
-        [--kind single|two|healthy] [--no-baseline | --baseline NAME ...] [--cases N] [--seed N] [--period S]
+        [--kind single|two|healthy] [--no-baseline | --baseline NAME ...] [--cases N] [--seed N] [--period S] [--by-channel]
 
 One line per case: two records with the hidden effects to learn from, one to judge on, one healthy as the baseline, as
 `simulate` makes them. "right": all that is hidden is named, and nothing else; "rival": all of it is among the names and
@@ -11,10 +11,12 @@ of a healthy axis the largest residuals, over the thresholds above which they ar
 --baseline: the healthy record is of these programmes in turn, each other than that of the records.
 Friction along the stroke may be nearly even on the part of the stroke that a programme covers, and cannot be told then.
 --period: of the control, 1e-4 s.
+--by-channel: by how much each channel alone is off, too, where several tell a size, with what it states of itself.
 --cases: pairs or healthy axes of each programme (20), or how often each single effect is drawn (1).
 """
 
 import argparse
+import contextlib
 import itertools
 import json
 import math
@@ -24,6 +26,7 @@ import numpy as np
 
 from microstage_ros.control.runs.run_file import run_from_dict
 from microstage_ros.control.runs.simulate import simulated_record
+from microstage_ros.diagnosis import case
 from microstage_ros.diagnosis.batch import diagnose_records
 from microstage_ros.diagnosis.validation import fault_injection
 from microstage_ros.diagnosis.validation.campaign import effects_of
@@ -100,6 +103,26 @@ def errors_of(answer, effects):
     return found
 
 
+@contextlib.contextmanager
+def by_channel(effects):
+    """What each channel tells of the plain numbers of ``effects`` within the block, in words: a list, filled as they are stated."""
+    told, usual = [], case.stated_sizes
+
+    def heard(evidences, choice, choices, form):
+        sizes = usual(evidences, choice, choices, form)
+        for name, (value, stderr, _) in sizes[0].items():
+            true = effects.get(choice.effect, {}).get(name)
+            if isinstance(true, (int, float)) and true:
+                told.append(f"{name} by {form.channel} {100 * (value / true - 1.0):+.2g} ± {100 * stderr / abs(true):.2g} %")
+        return sizes
+
+    case.stated_sizes = heard
+    try:
+        yield told
+    finally:
+        case.stated_sizes = usual
+
+
 def loudest(answer):
     """How far the healthy axis is from a finding: the three largest of what is left over its threshold, by channel and coordinate."""
     parts = sorted(((finding.left / finding.threshold, finding.channel, finding.coordinate) for finding in answer.findings), reverse=True)
@@ -130,6 +153,7 @@ def main():
     parser.add_argument("--cases", type=int)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--period", type=float, default=1e-4, help="control period [s]")
+    parser.add_argument("--by-channel", action="store_true", help="what each channel alone tells")
     options = parser.parse_args()
     axis, count, errors = load_axis(config_file("axis.yaml")), Counter(), []
     unknown = set(options.effect) - set(effects_of(axis))
@@ -141,12 +165,14 @@ def main():
             if effects is None:
                 continue
             learn, held, base = records(axis, options.law, programme, effects, 10 * (options.seed + number), options.period, baseline)
-            answer = diagnose_records(axis, learn, held, [] if options.no_baseline else base, seed=0)
+            with by_channel(effects) as channels:
+                answer = diagnose_records(axis, learn, held, [] if options.no_baseline else base, seed=0)
             word = judged(answer, set(names))
             off = errors_of(answer, effects)
             count[word], errors = count[word] + 1, errors + off
             print(word, programme, *([f"beside {baseline}"] if baseline else []), number, "+".join(names) or "healthy", answer.verdict, [cause.id for cause in answer.causes],
                   [list(rivals.ids) for rivals in answer.rivals], *(f"{name} {100 * part:+.2g} % {sigmas:+.1f} s" for name, part, sigmas in off),
+                  *(channels if options.by_channel else ()),
                   loudest(answer) if not names else "" if word == "right" else json.dumps(effects)[:120], flush=True)
     for word, found in count.items():
         print(f"{word}: {rate(found, sum(count.values()))}")

@@ -76,12 +76,15 @@ def test_hits_do_not_move_the_motor_where_a_flank_carries_the_stage_before_and_a
     learn, _, _ = records(axis, "self_tuning_observer", "plain", {"backlash": {"width_rad": 0.026}}, 9750)
     made = prepare(learn[0], drive, gap=width)
     true = drive.lever * learn[0]["motor_angle_rad"][:len(made.time)]
-    crossings = np.flatnonzero(np.diff(np.sign(learn[0]["reference_m"][60_000:105_000] - 1e-3)) != 0) + 60_000
-    off = made.position - true
-    assert len(crossings) >= 4
-    for place in crossings:       # of the sine's middle; 0.6 s before and after are beyond the turns, half a second away
-        piece = off[place - 6000: place + 6000]
-        assert np.ptp(piece) < 1.0e-7
+    carried = np.abs(true - learn[0]["stage_m"][:len(made.time)]) > 0.5 * width
+    crossings = np.flatnonzero(np.diff(learn[0]["reference_m"][60_000:105_000] > 1e-3)) + 60_000      # of the sine's middle
+    off, kept = made.position - true, 0
+    for piece in (slice(place - 6000, place + 6000) for place in crossings):     # 0.6 s: beyond the turns, half a second away
+        # 0.88 to 0.90; where the loop rattles in the gap for half a second after a turn (1 turn of 100) 0.68
+        if carried[piece].mean() > 0.85:
+            assert np.ptp(off[piece]) < 1.0e-7
+            kept += 1
+    assert kept >= 4
 
 
 def test_noise_of_the_reading_at_rest_is_no_friction_after_it(axis, drive):
