@@ -15,7 +15,11 @@ from microstage_ros.diagnosis.prerequisites.lost_motion import Gap, find_gap, st
 from microstage_ros.diagnosis.prerequisites.resonant import FAR, Train, fit_train
 from microstage_ros.diagnosis.prerequisites.slow_drift import courses
 from microstage_ros.diagnosis.residuals.resonance import Resonance
+from microstage_ros.diagnosis.residuals.transmission_deflection import Windup
 
+# times the wind-up's χ² beside a prompt amplifier that a slow one may leave; derived: a true one takes most of it, and
+# what else winds the drive train up is as large with it as without it
+WORSE = 4.0
 SWING = 0.5             # of a slow amplifier's χ² that must be left of it once the drive train is known
 MOST_ROUNDS = 8         # of slow amplifier and motor's speed; derived: a change of a half each leaves 4·10⁻³
 SETTLED = 0.01          # relative change of its time; derived: less than `amplifier.LAG_ERROR`
@@ -195,10 +199,18 @@ def _slow_or_loose(groups, prepared, drive, known):
         return prompt      # a dead band, in which the loop hunts, holds a lag's share of what it does to the command
     known = dataclasses.replace(before, slow=slow)
     prepared = known.prepare(groups, drive, prepared)
+    if gap is None and _left_of_windup(prepared, drive) > WORSE * _left_of_windup(prompt[0], drive):
+        return prompt      # the motor does not go where such an amplifier would drive it
     found, known = with_gap()
     if gap is not None and found is None and stands_out(prepared, drive):
         return prompt      # a lag that moves the motor to where a gap, plain without it, is none is the rattle's own
     return (known.prepare(groups, drive, prepared) if found is not None else prepared), known
+
+
+def _left_of_windup(prepared, drive):
+    """χ² [1] of the wind-up of the learning records, as they are ``prepared``."""
+    channels = [Windup(p, drive) for p in prepared["learn"]]
+    return sum(float((one.whiten(one.residual[:, None])[0] ** 2).sum()) for one in channels)
 
 
 def _all_currents(prepared):

@@ -57,11 +57,14 @@ def test_a_record_that_hardly_moves_is_used_whole():
 
 
 def test_what_a_voice_coil_leaves_while_it_moves_is_noise_and_at_rest_it_is_not():
-    """Of three healthy records: eight times as much at rest; with it, a wrong name stood in 5 of 40 answers (seed 3103), and in none without."""
+    """Of forty healthy records: 3 to 35 times as much at rest, 15 in the median (seeds 100 to 139), and 1.5 times in one of others; with
+    it, a wrong name stood in 5 of 40 answers (seed 3103), and in none without."""
     axis = load_axis(config_file("axes/voice_coil.yaml"))
-    program = [{"scan": {"to_m": to, "speed_m_s": 0.03}, "dwell_s": 0.5} for to in (5e-3, -5e-3, 2e-3)]
-    for seed in range(3):
+    program, times = [{"scan": {"to_m": to, "speed_m_s": 0.03}, "dwell_s": 0.5} for to in (5e-3, -5e-3, 2e-3)], []
+    for seed in range(5):
         loop = ClosedLoop([measured(simulated_record(axis, run_from_dict({"program": program}), seed), axis)])
         residual = loop.residual(axis)
         moving, resting = (np.sqrt(np.mean(residual[rows] ** 2)) for rows in (loop.tells, ~loop.tells))
-        assert moving < 3e-3 and resting > 4.0 * moving
+        assert moving < 3e-3
+        times.append(resting / moving)
+    assert np.median(times) > 4.0
