@@ -69,7 +69,7 @@ def diagnose_case(axis, records, holdout=(), baseline=(), seed=0, twin=()):
     records : list of `Record` to learn from.
     holdout : records to judge on; without any, the last record is held back, or the last third of the only one.
     baseline : records of the healthy axis, for the thresholds; may be empty.
-    seed : written into the result [1]; nothing here is drawn at random.
+    seed : written into the result [1]; what is drawn at random here (`refinement`) has a seed of its own.
     twin : list of `Record`, the held-out one as the same machine makes it with nothing wrong in it, once or with
         several draws of its noise, which only a simulation has; nothing is fitted to them (`leftover.over_twin`).
 

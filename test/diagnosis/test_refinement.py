@@ -137,15 +137,15 @@ def valley(size):
 def test_the_scatter_of_a_size_is_by_how_stretches_disagree():
     """Two sizes, half of the stretches each: the mean of eight has a standard deviation of half their distance over the root of eight."""
     family = Family(valley, "stiffness_factor", "1", lambda size, frame: size)
-    assert refinement._scatter([Resonance([0.5]), Resonance([0.5])], family, math.log(0.5), None) == 0.0
-    two = refinement._scatter([Resonance([0.4, 0.6])], family, math.log(0.5), None)
+    assert refinement._bootstrap_error([Resonance([0.5]), Resonance([0.5])], family, math.log(0.5), None) == 0.0
+    two = refinement._bootstrap_error([Resonance([0.4, 0.6])], family, math.log(0.5), None)
     assert two == pytest.approx(0.5 * math.log(1.5) / math.sqrt(8.0), rel=0.15)
-    assert two == refinement._scatter([Resonance([0.4, 0.6])], family, math.log(0.5), None)      # no other draws
+    assert two == refinement._bootstrap_error([Resonance([0.4, 0.6])], family, math.log(0.5), None)      # no other draws
 
 
 def test_a_resonance_with_two_valleys_is_known_no_better_than_they_are_apart(monkeypatch):
     """The bend of the deepest valley stated 3.6 to 5.5 kg, with an error of 0.3, of a payload of 5.9 kg on moves that hardly excite it."""
-    monkeypatch.setattr(refinement, "_scatter", lambda *given: 0.12)
+    monkeypatch.setattr(refinement, "_bootstrap_error", lambda *given: 0.12)
     family = Family(columns, "time_s", "s", lambda size, frame: 10.0 * size)
     monkeypatch.setattr(refinement, "FAMILIES", {("drive_compliance", "resonance"): family})
     collection = types.SimpleNamespace(frame=None, channels={"learn": [{"resonance": None}]},

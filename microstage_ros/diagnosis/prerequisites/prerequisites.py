@@ -17,10 +17,10 @@ from microstage_ros.diagnosis.prerequisites.slow_drift import courses
 from microstage_ros.diagnosis.residuals.resonance import Resonance
 from microstage_ros.diagnosis.residuals.transmission_deflection import Windup
 
-# times the wind-up's χ² beside a prompt amplifier that a slow one may leave; derived: a true one takes most of it, and
-# what else winds the drive train up is as large with it as without it
-WORSE = 4.0
 SWING = 0.5             # of a slow amplifier's χ² that must be left of it once the drive train is known
+# times the wind-up's χ² beside a prompt amplifier that a slow one may leave; derived: twice the amplitude; a true one
+# leaves less, and what else winds the drive train up is as large with it as without it
+WORSE = 4.0
 MOST_ROUNDS = 8         # of slow amplifier and motor's speed; derived: a change of a half each leaves 4·10⁻³
 SETTLED = 0.01          # relative change of its time; derived: less than `amplifier.LAG_ERROR`
 CHANGED = ("learn", "held")    # groups of records in which something may be wrong

@@ -70,7 +70,7 @@ def refine(collection, choices):
     return result
 
 
-def _scatter(channels, family, log, frame):
+def _bootstrap_error(channels, family, log, frame):
     """Standard deviation of the ``log`` of a size at which least is left in the ``channels``, by how their stretches
     disagree (bootstrap: B. Efron, Annals of Statistics 7 (1979) 1; drawn with a fixed seed).
 
@@ -134,7 +134,7 @@ def _refined(collection, family, form, choices, choice):
             stderr = step * np.sqrt(2.0 / bend)
     if channel == "resonance":
         learn = [record[channel] for record in collection.channels["learn"]]
-        stderr = float(np.hypot(stderr, _scatter(learn, family, log, collection.frame)))
+        stderr = float(np.hypot(stderr, _bootstrap_error(learn, family, log, collection.frame)))
     size, stderr = float(np.exp(log)), float(np.hypot(stderr, LEAST_FORM_ERROR))
     value = float(family.value(size, collection.frame))
     error = abs(float(family.value(size * (1 + stderr), collection.frame)) - value)
