@@ -16,6 +16,9 @@ from ros_support import PATIENCE_S, ros_node, spin_until
 from microstage_ros.commands.operation import experiment as command
 
 from microstage_ros.records import read_record
+from microstage_ros.records.bags.bag_record import FIELDS, own_definition
+from microstage_ros.records.bags.bag_writer import BagWriter
+from microstage_ros.records.bags.layout import layout_of_type
 from microstage_ros.ros.launching.cell_processes import NODES, CellFailure, CellProcesses
 
 RUN = "program:\n  - {move_to_m: 1.0e-5, dwell_s: 0.1}\n  - {move_to_m: 0.0, dwell_s: 0.1}\n"
@@ -44,8 +47,41 @@ def test_program_on_a_running_cell(tmp_path):
         cell.check()  # all its processes go on
     record = read_record(tmp_path / "out" / "bag")
     assert np.isfinite(record["reference_m"]).all() and record["reference_m"].max() == 1e-5
+    assert np.flatnonzero(record["reference_m"])[0] >= command.LEAD_IN / record.period_s  # the rest before the programme
     rest = np.abs(record["encoder_m"][-300:] - record["reference_m"][-300:])
     assert rest.max() < 2e-7 and np.isfinite(record["encoder_m"]).all()
+
+
+def test_the_programme_waits_for_every_topic_of_the_bag(tmp_path, monkeypatch):
+    """A recorder that hears the axis has not for that heard the controller, nor the observer."""
+    monkeypatch.setattr(command, "LOOK", 0.0)
+    monkeypatch.setattr(command, "STALLED", 0.2)
+    turns = []
+    with BagWriter(tmp_path / "bag") as bag:
+        kinds = {topic: own_definition(FIELDS[topic][0]) for topic in ("state", "command", "simulation")}
+        channels = {topic: bag.add_channel(f"/axis/{topic}", kind) for topic, kind in kinds.items()}
+
+        def write(topic):
+            bag.write(channels[topic], 1, layout_of_type(kinds[topic]).blank())
+            bag.flush()
+
+        def turn():
+            turns.append(None)
+            if len(turns) == 5:
+                write("simulation")
+
+        player = types.SimpleNamespace(turn=lambda: None, sent=lambda: ({"/axis/state", "/axis/command"}, {"/axis/simulation"}))
+        write("state")
+        with pytest.raises(CellFailure, match="heard nothing of /axis/command for"):
+            command._until_recorded(player, tmp_path / "bag")
+        write("command")
+        monkeypatch.setattr(command, "OTHERS", 0.05)
+        command._until_recorded(player, tmp_path / "bag")  # a sender that is silent is not waited for without end
+        monkeypatch.setattr(command, "OTHERS", 600.0)
+        monkeypatch.setattr(command, "STALLED", 600.0)
+        player.turn = turn
+        command._until_recorded(player, tmp_path / "bag")
+    assert len(turns) >= 5
 
 
 def test_without_a_cell(tmp_path):

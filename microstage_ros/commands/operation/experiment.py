@@ -28,7 +28,8 @@ STALLED = 30.0  # no state for so long: the cell has stopped [s]
 STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 STOP_ANSWER = 2.0  # longest wait for the answer to a stop, where the program does not end by itself [s]
 STOP_AGAIN = 0.2  # a stop that is not answered is asked for again after so long [s]
-GROWN = 6  # sizes of the bag that have been seen when it grows
+LOOK = 0.1  # from one look into a bag that grows to the next [s]
+OTHERS = 5.0  # longest wait for a topic that a record can do without, and whose sender may be silent [s]
 LONGEST = 120.0  # seconds of program: one request carries all its positions
 
 
@@ -220,15 +221,33 @@ def _signals_kept():
 
 
 def _until_recorded(player, folder):
-    """Wait until the bag grows: before that, the recorder has not found the axis."""
+    """Wait until the bag ``folder`` holds a message of every topic of the servo path that somebody sends: it loses what
+    was sent before the recorder had found the sender, and of the sender of the references that may be the programme."""
     from microstage_ros.ros.launching.cell_processes import CellFailure
 
-    sizes, end = set(), time.monotonic() + STALLED
-    while len(sizes) < GROWN:
+    began = look = time.monotonic()
+    while True:
         player.turn()
-        sizes |= {sum(file.stat().st_size for file in folder.glob("*"))} - {0}
-        if time.monotonic() > end:
-            raise CellFailure(f"the recorder heard nothing of the axis for {STALLED:g} s")
+        if time.monotonic() < look:
+            continue
+        needed, others = player.sent()
+        held = _recorded(folder)
+        waited, look = time.monotonic() - began, time.monotonic() + LOOK
+        if needed <= held and (others <= held or waited > OTHERS):
+            return
+        if waited > STALLED:
+            missing = ", ".join(sorted(needed - held))
+            raise CellFailure(f"the recorder heard nothing of {missing} for {STALLED:g} s")
+
+
+def _recorded(folder):
+    """Names of the topics of which a bag that grows holds a message."""
+    from microstage_ros.records.bags.bag_reader import Bag
+
+    try:
+        return Bag(folder).recorded
+    except InputError:  # there is no file yet, or one that has only begun
+        return set()
 
 
 class _Player:
@@ -279,6 +298,14 @@ class _Player:
             seen = self._state is not None or self._node.count_publishers(self._watch.topic_name)
             if time.monotonic() > began + (ANSWER if seen else SOUGHT):
                 raise CellFailure(f"no axis runs in {namespace}: start one with ./microstage cell")
+
+    def sent(self):
+        """Names of the topics of the servo path that a record needs, and of the others that somebody sends."""
+        from microstage_ros.ros.transport import topics
+
+        names = {topic: self._node.resolve_topic_name(topic) for topic in topics.SENDERS}
+        needed = {names[topic] for topic in (topics.STATE, topics.COMMAND)}
+        return needed, {name for name in names.values() if self._node.count_publishers(name)} - needed
 
     @property
     def place(self):

@@ -94,6 +94,12 @@ class Bag:
         return max((chunk.end for source in self.sources for chunk in source.chunks), default=None)
 
     @property
+    def recorded(self):
+        """Names of the topics of which it holds a message; one that was only announced is not among them."""
+        return {source.channels[number].topic for source in self.sources for chunk in source.chunks
+                for number in source.entries(chunk) if number in source.channels}
+
+    @property
     def remarks(self):
         """What is to be said of a bag that was cut off, one sentence each."""
         if not self.cut_off:
