@@ -10,7 +10,7 @@ friction turns on movements far below one count.
 
 import math
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import lru_cache, partial
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -28,6 +28,7 @@ from microstage_ros.quantities.errors import InputError
 from microstage_ros.quantities.readable import quantity
 
 PARAMETERS = ("coulomb", "drop", "stribeck_velocity", "stribeck_exponent", "viscous", "stiffness", "inertia", "offset")
+OF_LAW = 6  # of `PARAMETERS`, the first: those of the friction law
 PRIOR = np.array([1.0, 1.0, 1.0, 0.35, 1.0, 1.0, 1.0, 1.0])
 """Standard deviations of the parameters (logarithms; the offset in M_C) about the axis file: they keep finite
 what the records do not tell. The exponent is held more closely: a few speeds cannot tell it from the static limit."""
@@ -127,15 +128,18 @@ def _axis_numbers(vector, axis, inertia):
     return values, inertia * math.exp(vector[6]), base["coulomb"] * vector[7]
 
 
-def _residual(vector, axis, inertia, balances):
+def _residual(vector, axis, inertia, balances, friction):
+    """What the balance leaves [N m]; ``friction``: that of `_friction`, for the parameters of the law."""
+    _, total, offset = _axis_numbers(vector, axis, inertia)
+    parts = zip(balances, friction(tuple(vector[:OF_LAW])))
+    return np.concatenate([(b.torque - f - total * b.acceleration - offset)[b.used] for b, f in parts])
+
+
+def _friction(axis, balances, of_law):
+    """Friction [N m] behind the low-pass along each record, list of (n,), with the parameters ``of_law``."""
     law = law_named("generalised_maxwell_slip")
-    values, total, offset = _axis_numbers(vector, axis, inertia)
-    packed = law.pack(values)
-    parts = []
-    for b in balances:
-        friction = low_pass(run_law(law, packed, b.speed, b.period), b.edge, b.period)
-        parts.append((b.torque - friction - total * b.acceleration - offset)[b.used])
-    return np.concatenate(parts)
+    packed = law.pack(_axis_numbers(np.append(of_law, np.zeros(len(PARAMETERS) - OF_LAW)), axis, 0.0)[0])
+    return [low_pass(run_law(law, packed, b.speed, b.period), b.edge, b.period) for b in balances]
 
 
 def independent_share(balances, axis):
@@ -214,17 +218,20 @@ def identify_whole_axis(signals, axis, known):
     scale = SCALE * axis.value("contacts.actuator.coulomb")
     share = independent_share(balances, axis)
 
+    # a derivative by inertia or offset has the friction of the point at which it is taken
+    friction = lru_cache(maxsize=len(PARAMETERS))(partial(_friction, axis, balances))
+
     def residual(shifted):
         part = shifted - 1.0  # about one, so that relative steps of the derivative are sound
         vector = np.zeros(len(PARAMETERS))
         vector[free] = part
-        return np.concatenate([_residual(vector, axis, inertia, balances) / scale, part / PRIOR[free]])
+        return np.concatenate([_residual(vector, axis, inertia, balances, friction) / scale, part / PRIOR[free]])
 
     fit = least_squares(residual, np.ones(len(free)), loss=partial(_loss, share, len(free)), diff_step=2e-3,
                         bounds=(-1.5, 3.5), max_nfev=40)
     vector = np.zeros(len(PARAMETERS))
     vector[free] = fit.x - 1.0
-    error = _residual(vector, axis, inertia, balances)
+    error = _residual(vector, axis, inertia, balances, friction)
     jacobian, left = fit.jac[: len(error)], math.sqrt(share) * error / scale
     information, prior = jacobian.T @ jacobian, np.diag(PRIOR[free] ** -2.0)
     weak = np.linalg.inv(information + prior)
