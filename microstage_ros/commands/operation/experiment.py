@@ -221,8 +221,8 @@ def _signals_kept():
 
 
 def _until_recorded(player, folder):
-    """Wait until the bag ``folder`` holds a message of every topic of the servo path that somebody sends: it loses what
-    was sent before the recorder had found the sender, and of the sender of the references that may be the programme."""
+    """Wait until the bag ``folder`` holds a message of every topic of the servo path that somebody sends. What is sent
+    before the recorder has found its sender is not in the bag, and it may hear the axis long before the controller."""
     from microstage_ros.ros.launching.cell_processes import CellFailure
 
     began = look = time.monotonic()
