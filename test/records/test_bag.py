@@ -34,7 +34,7 @@ def test_round_trip(tmp_path, compression, place, block, monkeypatch):
     bag = Bag(tmp_path / place)
     assert bag.custom_data["seed"] == "3" and bag.custom_data["microstage_ros"]
     assert (bag.start_ns, bag.end_ns) == (START_NS, START_NS + 2999 * PERIOD_NS)
-    assert not bag.cut_off
+    assert not bag.cut_off and bag.recorded == {"/axis/servo", "/talk"}
 
 
 @settings(max_examples=25, deadline=None)

@@ -53,7 +53,7 @@ def test_program_on_a_running_cell(tmp_path):
 
 
 def test_the_programme_waits_for_every_topic_of_the_bag(tmp_path, monkeypatch):
-    """A recorder that hears the axis has not for that heard the controller, nor the observer."""
+    """The recorder may hear the axis before it has found the controller, or the observer."""
     monkeypatch.setattr(command, "LOOK", 0.0)
     monkeypatch.setattr(command, "STALLED", 0.2)
     turns = []
@@ -70,13 +70,13 @@ def test_the_programme_waits_for_every_topic_of_the_bag(tmp_path, monkeypatch):
             if len(turns) == 5:
                 write("simulation")
 
-        player = types.SimpleNamespace(turn=lambda: None, sent=lambda: ({"/axis/state", "/axis/command"}, {"/axis/simulation"}))
+        player = types.SimpleNamespace(turn=lambda: None, published=lambda: ({"/axis/state", "/axis/command"}, {"/axis/simulation"}))
         write("state")
         with pytest.raises(CellFailure, match="heard nothing of /axis/command for"):
             command._until_recorded(player, tmp_path / "bag")
         write("command")
         monkeypatch.setattr(command, "OTHERS", 0.05)
-        command._until_recorded(player, tmp_path / "bag")  # a sender that is silent is not waited for without end
+        command._until_recorded(player, tmp_path / "bag")  # a silent publisher is not waited for without end
         monkeypatch.setattr(command, "OTHERS", 600.0)
         monkeypatch.setattr(command, "STALLED", 600.0)
         player.turn = turn

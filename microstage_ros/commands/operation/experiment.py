@@ -29,7 +29,7 @@ STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 STOP_ANSWER = 2.0  # longest wait for the answer to a stop, where the program does not end by itself [s]
 STOP_AGAIN = 0.2  # a stop that is not answered is asked for again after so long [s]
 LOOK = 0.1  # from one look into a bag that grows to the next [s]
-OTHERS = 5.0  # longest wait for a topic that a record can do without, and whose sender may be silent [s]
+OTHERS = 5.0  # longest wait for a topic that a record can do without, whose publisher may be silent [s]
 LONGEST = 120.0  # seconds of program: one request carries all its positions
 
 
@@ -221,8 +221,8 @@ def _signals_kept():
 
 
 def _until_recorded(player, folder):
-    """Wait until the bag ``folder`` holds a message of every topic of the servo path that somebody sends. What is sent
-    before the recorder has found its sender is not in the bag, and it may hear the axis long before the controller."""
+    """Wait until the bag ``folder`` holds a message of every topic of the servo path that has a publisher. What is sent
+    before the recorder has found its publisher is not in the bag: it may hear the axis long before the controller."""
     from microstage_ros.ros.launching.cell_processes import CellFailure
 
     began = look = time.monotonic()
@@ -230,7 +230,7 @@ def _until_recorded(player, folder):
         player.turn()
         if time.monotonic() < look:
             continue
-        needed, others = player.sent()
+        needed, others = player.published()
         held = _recorded(folder)
         waited, look = time.monotonic() - began, time.monotonic() + LOOK
         if needed <= held and (others <= held or waited > OTHERS):
@@ -299,8 +299,8 @@ class _Player:
             if time.monotonic() > began + (ANSWER if seen else SOUGHT):
                 raise CellFailure(f"no axis runs in {namespace}: start one with ./microstage cell")
 
-    def sent(self):
-        """Names of the topics of the servo path that a record needs, and of the others that somebody sends."""
+    def published(self):
+        """Two sets of names: the topics of the servo path that a record needs, and the others that have a publisher."""
         from microstage_ros.ros.transport import topics
 
         names = {topic: self._node.resolve_topic_name(topic) for topic in topics.SENDERS}
