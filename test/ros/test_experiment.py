@@ -133,6 +133,17 @@ def player_of(service, came=(), check=lambda: None):
     return player
 
 
+@pytest.mark.parametrize(("publishers", "says"), [(1, "microstage reset"), (0, "microstage cell")])
+def test_an_axis_that_was_stopped_is_not_taken_for_none(monkeypatch, publishers, says):
+    monkeypatch.setattr(rclpy, "spin_once", lambda *_, **__: None)
+    monkeypatch.setattr(command, "ANSWER", 0.05)
+    monkeypatch.setattr(command, "SOUGHT", 0.05)
+    node = types.SimpleNamespace(create_client=lambda *_: Service(), create_subscription=lambda *_: types.SimpleNamespace(topic_name="state"),
+                                 count_publishers=lambda _: publishers)
+    with pytest.raises(CellFailure, match=says):
+        command._Player(node, types.SimpleNamespace(check=lambda: None), 1e-3).meet("/axis")
+
+
 @pytest.mark.parametrize("end", ["signal", "recorder", "refusal"])
 def test_whatever_ends_the_program_early_the_axis_is_asked_to_stop(monkeypatch, end):
     """Not where the reference was refused: then nothing of this command is under way."""
