@@ -297,11 +297,9 @@ class _Player:
             self.turn()
             seen = self._state is not None or self._node.count_publishers(self._watch.topic_name)
             if time.monotonic() > began + (ANSWER if seen else SOUGHT):
-                raise CellFailure(
-                    f"the axis in {namespace} takes no reference: after a stop or fault, ./microstage reset lets it go on"
-                    if seen
-                    else f"no axis runs in {namespace}: start one with ./microstage cell"
-                )
+                stopped = "takes no reference: after a stop or a fault ./microstage reset lets it go on"
+                raise CellFailure(f"the axis in {namespace} {stopped}" if seen
+                                  else f"no axis runs in {namespace}: start one with ./microstage cell")
 
     def published(self):
         """Two sets of names: the topics of the servo path that a record needs, and the others that have a publisher."""
