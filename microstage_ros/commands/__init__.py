@@ -35,6 +35,7 @@ LISTED = {
         "compare": "the paper's controllers side by side: tracking, accuracy, settling",
         "robustness": "a law on machines that it was not given; what fails, and how to see it again",
         "laws": "what each friction law can and cannot show",
+        "effects": "what may be wrong with an axis: ids, parameters and units for effects, what to do about each",
     },
     "project": {
         "test": "all the tests",

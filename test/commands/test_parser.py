@@ -1,6 +1,7 @@
 """Options as people type them, the nearest right word, and the answer as JSON."""
 
 import argparse
+import importlib
 import json
 
 import pytest
@@ -55,6 +56,18 @@ def test_the_nearest_right_word(words, said, capsys):
     assert main(words) == 2
     told = capsys.readouterr().err
     assert said in told and len(told.splitlines()) == 1
+
+
+OWN = [name for name in COMMANDS if name not in ("test", "cell", "demo", "move", "replay", "experiment")]
+
+
+@pytest.mark.parametrize("name", OWN)
+def test_usage_error_is_one_line(name, capsys):
+    with pytest.raises(SystemExit) as stop:
+        importlib.import_module(module_of(name)).main(["--no-such-option", "x"])
+    said = capsys.readouterr().err
+    assert stop.value.code == 2 and len(said.splitlines()) == 1
+    assert f"microstage {name}" in said and "--help" in said
 
 
 def test_bad_input_as_json(capsys):

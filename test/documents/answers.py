@@ -16,7 +16,7 @@ FIELDS = {
     "reset": {"success", "message", "answered_s"}, "home": {"success", "message", "answered_s"},
     "topic list": {"topics"}, "topic echo": {"topic", "messages"}, "topic hz": {"topic", "messages", "rate_Hz"},
     "replay": {"messages", "topics"}, "cut": {"record", "rows", "period_s", "columns", "first_s", "last_s"},
-    "completion": {"options"},
+    "completion": {"options"}, "effects": {"effects"},
 }
 """{command: fields of its answer}."""
 

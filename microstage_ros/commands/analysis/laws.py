@@ -1,13 +1,13 @@
 """``laws``: what each friction law can and cannot show, measured, beside what the paper says of it."""
 
 import inspect
-import re
 import sys
 
 from rich.console import Console
 from rich.table import Table
 
 from microstage_ros.commands import answer
+from microstage_ros.commands.markdown import grid, plain, without_blank_runs, without_roles
 from microstage_ros.commands.parser import Parser
 from microstage_ros.commands.progress import progress
 from microstage_ros.model.friction.properties.table import EXPERIMENTS, compare, measure
@@ -120,26 +120,6 @@ def markdown(table):
         parts += [f"- `{name}`: {spec.meaning} [{GENERAL_UNITS[spec.unit]}]." for name, spec in law.own.items()]
         parts += [""]
     return without_blank_runs("\n".join(parts))
-
-
-def plain(text):
-    """A docstring on one line."""
-    return " ".join(text.split())
-
-
-def without_roles(text):
-    """Sphinx roles as Markdown code: the last part of the name they point to."""
-    return re.sub(r":\w+:`~?(?:[\w.]*\.)?(\w+)`", r"`\1`", text).replace("``", "`")
-
-
-def without_blank_runs(text):
-    """At most one empty line in a row, one newline at the end."""
-    return re.sub(r"\n{3,}", "\n\n", text).rstrip() + "\n"
-
-
-def grid(columns, rows):
-    """Lines of a Markdown table."""
-    return ["| " + " | ".join(line) + " |" for line in (columns, ["---"] * len(columns), *rows)]
 
 
 PROTOCOL = """
