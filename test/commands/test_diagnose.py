@@ -71,6 +71,8 @@ def test_the_same_work_on_a_dask_cluster(healthy, tmp_path):
     (["--axis", str(AXIS), "r.csv", "--jobs", "0"], "--jobs"),
     (["--axis", str(AXIS), ".", "--each"], "no records"),
     (["--axis", str(AXIS), "none.csv", "--each"], "not a folder"),
+    (["--axis", str(AXIS), ".", "--each", "--baseline", "b.csv"], "--baseline: got 'b.csv', expected nothing beside --each: files base*"),
+    (["--axis", str(AXIS), ".", "--each", "--holdout", "h.csv"], "--holdout: got 'h.csv', expected nothing beside --each: files hold*"),
 ])
 def test_bad_input_is_one_line_and_status_2(arguments, told, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)

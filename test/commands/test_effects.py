@@ -1,14 +1,17 @@
 """The catalogue as the command prints it: complete, true of every shipped axis, and the page in docs."""
 
 import pathlib
+import re
 
 import numpy as np
 import pytest
+import yaml
 
 from microstage_ros.commands import answer
 from microstage_ros.commands.analysis import effects as command
+from microstage_ros.control.runs.run_file import run_from_dict
 from microstage_ros.model.axis_file import load_axis
-from microstage_ros.model.effects import REGISTRY
+from microstage_ros.model.effects import REGISTRY, check_effects
 from microstage_ros.model.effects.effect import CONTACTS
 from microstage_ros.places import SOURCE, config_file
 from microstage_ros.quantities.errors import InputError
@@ -63,6 +66,14 @@ def test_an_id_that_there_is_not_and_one_that_the_axis_cannot_have(capsys):
         command.main(["backlsh"])
     with pytest.raises(InputError, match="a transmission that is not rigid"):
         command.main(["backlash", "--axis", str(config_file("emps.yaml"))])
+
+
+def test_the_examples_of_the_page_are_taken(capsys):
+    text = PAGE.read_text(encoding="utf-8")
+    run = run_from_dict(yaml.safe_load(text.split("```yaml")[1].split("```")[0]), "run.yaml")
+    assert set(run.effects) == {"backlash", "friction_level_change"}
+    terms = check_effects(yaml.safe_load(re.search(r"`(screw_pitch_error: \{.*?\})`", text, re.S)[1]))
+    assert len(terms["screw_pitch_error"]["amplitude_m"]) == 2
 
 
 def test_the_page_in_docs_is_what_the_command_writes(capsys):

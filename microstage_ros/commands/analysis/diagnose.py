@@ -145,6 +145,10 @@ def _parse(argv):
 
 def _each(arguments):
     """Many axes: one line per axis as it ends, a summary file."""
+    for option, names in (("holdout", "hold*"), ("baseline", "base*")):
+        if getattr(arguments, option):
+            raise InputError(f"--{option}", getattr(arguments, option)[0],
+                             f"nothing beside --each: files {names} in the folder of each axis")
     cases, summary = (
         cases_of(arguments.records, arguments.axis, arguments.out, arguments.seed),
         pathlib.Path(arguments.out) / "summary.json",

@@ -137,8 +137,13 @@ def remarks_of(effect):
     if needs_of(effect):
         yield "needs", needs_of(effect)
     if effect.separated_by:
-        yield "rivals", WHY[effect.separated_by]
+        yield "a record that tells it from its rivals", separating_motion(effect)
     yield "what to do", effect.remedy
+
+
+def separating_motion(effect):
+    """The motion of `WHY` alone, in words."""
+    return WHY[effect.separated_by].partition("; ")[2].removesuffix(" it").removesuffix(" shows").removesuffix(" show")
 
 
 def needs_of(effect):
@@ -180,8 +185,10 @@ program:
   - {move_to_m: 1.0e-5, dwell_s: 0.5}
 ```
 
-A parameter may be a list where an effect has several terms (`amplitude_m: [1.0e-7, 3.0e-8]`); then all its lists are of
-one length. `contact` says on which of the two friction contacts an effect acts.
+Where an effect has several terms its parameters are lists, and every parameter of the terms is given:
+`screw_pitch_error: {amplitude_m: [1.0e-7, 3.0e-8], cycles_per_turn: [1, 2], phase_rad: [0, 0]}`. A spline has as many
+support points (`positions_m`, `factors`) as it needs. `contact` says on which of the two friction contacts an effect
+acts.
 """
 
 

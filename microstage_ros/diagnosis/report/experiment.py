@@ -1,7 +1,8 @@
 """The run that would tell rivals apart: a run file, as plain data, for the axis at hand.
 
 Each pair of rivals differs in one condition (frequency, speed, load direction, dwell, stroke …); the
-program moves that condition while the rest stays. `simulate --run` accepts the mapping as it is.
+program moves that condition while the rest stays, in less than the two minutes that `experiment` plays.
+`simulate --run` accepts the mapping as it is.
 """
 
 import numpy as np
@@ -12,7 +13,7 @@ WHY = {
     "frequency": (
         "they differ in how phase and amplitude go with frequency; sines up to a tenth of the sampling rate show it"
     ),
-    "dwell": "they differ in how they grow with time at rest; dwells from 0.1 s to 100 s show it",
+    "dwell": "they differ in how they grow with time at rest; dwells from 0.06 s to 60 s show it",
     "speed": "they differ in how friction goes with speed; the same stroke at speeds over two decades shows it",
     "rest": "they differ near standstill, where friction changes sign; slow sweeps through zero force show it",
     "stroke": (
@@ -54,7 +55,7 @@ def _frequency(middle, stroke, period, count):
 
 def _dwell(middle, stroke, period, count):
     step, program = _tidy(1e-3 * stroke), []
-    for k, pause in enumerate((0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)):
+    for k, pause in enumerate((0.06, 0.2, 0.6, 2.0, 6.0, 20.0, 60.0)):
         program.append({"move_to_m": _tidy(middle + step * (-1) ** k), "dwell_s": pause})
     return program
 
@@ -70,7 +71,7 @@ def _speed(middle, stroke, period, count):
 
 
 def _rest(middle, stroke, period, count):
-    return [{"sine": {"amplitude_m": _tidy(a), "frequency_hz": 0.05, "cycles": 2}, "dwell_s": 5.0}
+    return [{"sine": {"amplitude_m": _tidy(a), "frequency_hz": 0.06, "cycles": 2}, "dwell_s": 5.0}
             for a in (20 * count, 200 * count, 2000 * count)]
 
 
