@@ -211,7 +211,7 @@ class DaqCard:
 
     def outside_stop(self):
         """How another process puts the output to zero."""
-        return "microstage_ros.hardware.daq:zero_output", {"output": self._options["output"], "span": self._range}
+        return "microstage_ros.hardware.daq_stop:zero_output", {"output": self._options["output"], "span": self._range}
 
     def close(self):
         """Output to zero (as it is, for a drive that holds a position), channels free; may be called twice.
@@ -238,12 +238,3 @@ class DaqCard:
             return getattr(self._tasks[task], method)(*arguments)
         except Exception as error:  # the vendor's errors have no class without the vendor's package
             raise HardwareError(" ".join(str(error).split())) from error
-
-
-def zero_output(output, span):
-    """Zero volts at the channel ``output``, whose range is ± ``span`` [V], from a process of its own."""
-    import nidaqmx
-
-    with nidaqmx.Task() as task:
-        task.ao_channels.add_ao_voltage_chan(output, min_val=-span, max_val=span)
-        task.write(0.0, auto_start=True)

@@ -2,8 +2,9 @@
 
 import math
 import numbers
+from functools import partial
 
-from microstage_ros.hardware.protocol import HardwareError, Reading
+from microstage_ros.hardware.protocol import INSTRUMENTS, SAFETY, HardwareError, Reading
 from microstage_ros.quantities.errors import InputError
 
 CALLS = ("open", "read", "write", "close")
@@ -86,7 +87,19 @@ class OutsideBackend:
         """Optional members of `protocol` that the backend offers (never arrays: its own read and write are called)."""
         if name.startswith("_") or name in ("arrays", "own_arrays", "last_reading"):
             raise AttributeError(name)
-        return getattr(self._inner, name)
+        member = getattr(self._inner, name)
+        if name not in (*SAFETY, *INSTRUMENTS) or not callable(member):
+            return member
+        return partial(self._checked, name) if name in FORMS else partial(self._call, name)
+
+    def _checked(self, name):
+        """What a member gives, brought into its form. Raises `HardwareError`."""
+        found = self._call(name)
+        form, words = FORMS[name]
+        try:
+            return form(found)
+        except (TypeError, ValueError):
+            raise HardwareError(f"{name}() gave {found!r}, expected {words}") from None
 
     def _call(self, name, *arguments):
         try:
@@ -95,6 +108,16 @@ class OutsideBackend:
             raise
         except Exception as error:  # noqa: BLE001 - code from outside: whatever it raises, the voltage must go to zero
             raise HardwareError(f"{name}(): {_words(error)}") from error
+
+
+def _two_switches(found):
+    low, high = found
+    return bool(low), bool(high)
+
+
+FORMS = {"e_stop": (bool, "True while it is pressed"),
+         "limit_switches": (_two_switches, "(lower, upper), True for the one that is actuated")}
+"""Members whose answer is looked at in every period: the form it is brought into, and what was expected, in words."""
 
 
 def as_reading(found):

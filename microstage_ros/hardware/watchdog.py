@@ -30,17 +30,21 @@ LONGEST = 0.1
 PRIORITY = 40
 """Real-time priority, above that of the servo loop, where it is permitted."""
 
+TRIES_S, AGAIN = 60.0, 0.01
+"""After the driver's death a stop that does not succeed is tried for so long, and so often [s]."""
+
 
 class Watch:
     """What the watchdog does at each look.
 
     Parameters
     ----------
-    memory : mutable buffer of `BYTES`. stop : called to take the voltage of a machine away.
+    memory : mutable buffer of `BYTES`. stop : called to take the voltage of a machine away; False where it did not
+        succeed: it is called again at the next look.
     """
 
-    def __init__(self, memory, stop=lambda: None):
-        self._memory, self._stop = memory, stop
+    def __init__(self, memory, stop=lambda: True):
+        self._memory, self._stop, self._undone = memory, stop, False
 
     def word(self, place):
         """One of the words above, by its ``place`` [1]."""
@@ -60,8 +64,12 @@ class Watch:
         rest = self.word(BEAT) + limit - now
         if rest > 0:
             return min(rest * 1e-9, LONGEST)
-        if not self.word(TAKEN) and struct.unpack_from("<d", self._memory, 8 * VOLTS)[0] != 0.0:
+        taken = self.word(TAKEN)
+        volts = struct.unpack_from("<d", self._memory, 8 * VOLTS)[0]
+        if volts != 0.0 and (not taken or now - taken >= limit):  # put out again by a loop that then stood still
             self.take(now)  # else the loop itself has done it in time
+        elif taken and self._undone:
+            self._take_from_machine()
         return limit * 1e-9
 
     def take(self, now):
@@ -70,39 +78,52 @@ class Watch:
             struct.pack_into("<d", self._memory, 8 * VOLTS, 0.0)
         self.set(TAKEN, now)
         self.set(TAKEN_COUNT, self.word(TAKEN_COUNT) + 1)
-        self._stop()
+        self._take_from_machine()
+
+    def _take_from_machine(self):
+        self._undone = self._stop() is False
 
     def died(self):
-        """The driver is gone."""
+        """The driver is gone. Returns whether the voltage of the machine is."""
         now = time.monotonic_ns()
         self.set(DIED, now)
         if self.word(TAKEN):  # taken before, and when is worth keeping
-            self._stop()
+            self._take_from_machine()
         else:
             self.take(now)
+        while self._undone and time.monotonic_ns() - now < TRIES_S * 1e9:
+            time.sleep(AGAIN)
+            self._take_from_machine()
+        return not self._undone
 
 
 def outside_stop(text):
-    """The function of a backend that takes the voltage away, from JSON; nothing to do for ``null``."""
+    """The function of a backend that takes the voltage away, from JSON; nothing to do for ``null``. It returns whether
+    it succeeded; what it could not do is told once."""
     instruction = json.loads(text)
     if not instruction:
-        return lambda: None
+        return lambda: True
     import importlib
 
     module, _, name = instruction[0].partition(":")
-    function = getattr(importlib.import_module(module), name)
+    function, said = getattr(importlib.import_module(module), name), set()
 
     def stop():
         try:
             function(**instruction[1])
         except Exception as error:  # noqa: BLE001 - it is tried again, and the driver's end must still be heard
-            print(f"watchdog: {instruction[0]}: {type(error).__name__}: {error}", file=sys.stderr, flush=True)
+            words = f"watchdog: {instruction[0]}: {type(error).__name__}: {error}"
+            if words not in said:
+                print(words, file=sys.stderr, flush=True)
+            said.add(words)
+            return False
+        return True
 
     return stop
 
 
 def main(arguments):
-    """Watch until the driver is gone. Returns 0."""
+    """Watch until the driver is gone. Returns 0; 1 where the voltage could not be taken away then."""
     memory, alive = int(arguments[0]), int(arguments[1])
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):  # it ends with the driver and not before
         signal.signal(number, signal.SIG_IGN)
@@ -117,8 +138,7 @@ def main(arguments):
     sleep = 0.0
     while not select.select([alive], [], [], sleep)[0]:
         sleep = watch.look()
-    watch.died()
-    return 0
+    return 0 if watch.died() else 1
 
 
 if __name__ == "__main__":

@@ -16,8 +16,10 @@ import yaml
 from machines import random_axis
 
 from microstage_ros.commands.operation import commission
+from microstage_ros.commissioning import procedure, report
 from microstage_ros.commissioning.estimation.parameters import with_errors_of
 from microstage_ros.commissioning.store import Store
+from microstage_ros.hardware.protocol import HardwareError
 from microstage_ros.identification.estimators.estimate import Estimate
 from microstage_ros.model.axis_file import load_axis
 from microstage_ros.places import config_file
@@ -142,7 +144,6 @@ def test_an_end_stop_inside_the_travel(tmp_path):
 
 def test_an_interrupted_one_goes_on(tmp_path, monkeypatch):
     sketch(tmp_path)
-    from microstage_ros.commissioning import procedure
 
     def interrupted(*arguments, **named):
         os.kill(os.getpid(), signal.SIGTERM)  # as a closed terminal or a shutdown of the host does: like Ctrl-C
@@ -173,6 +174,32 @@ def test_a_killed_one_leaves_no_voltage(tmp_path, monkeypatch):
     assert commission.watched(types.SimpleNamespace(simulated=False)) is None
     told.simulated = True
     assert commission.watched(told) is None
+
+
+def test_a_drive_that_cannot_be_disabled_is_closed_all_the_same(monkeypatch, tmp_path):
+    calls = []
+
+    class Card:
+        simulated = True
+
+        def open(self):
+            calls.append("open")
+
+        def enable(self, on):
+            calls.append(f"enable {on}")
+            raise HardwareError("bus busy")
+
+        def close(self):
+            calls.append("close")
+
+    monkeypatch.setattr(procedure, "commission", lambda *_: procedure.Outcome(says="done"))
+    monkeypatch.setattr(report, "write_answer", lambda *_: None)
+    monkeypatch.setattr(report, "report_tree", lambda *_: {})
+    monkeypatch.setattr(commission, "_tell", lambda *_: None)
+    arguments = types.SimpleNamespace(axis="a.yaml", backend="card", seed=1, out=str(tmp_path))
+    sketched = types.SimpleNamespace(axis=sketch(tmp_path))
+    assert commission._run(arguments, sketched, Card(), types.SimpleNamespace(resumed=False)) == 3
+    assert calls == ["open", "enable False", "close"]
 
 
 def _identity(folder):

@@ -5,13 +5,13 @@ import inspect
 import pytest
 
 from microstage_ros.hardware import make_hardware
-from microstage_ros.hardware.daq import zero_output
 from microstage_ros.hardware.protocol import HardwareError, Setup
 from microstage_ros.model.axis_file import load_axis
 from microstage_ros.places import config_file
 from microstage_ros.quantities.errors import InputError
 
 nidaqmx = pytest.importorskip("nidaqmx")
+from microstage_ros.hardware.daq_stop import zero_output  # noqa: E402  (needs the package)
 AXIS = load_axis(config_file("axis.yaml"))
 OPTIONS = {"output": "Dev1/ao0", "counter": "Dev1/ctr0", "current_input": "Dev1/ai0", "ampere_per_volt": 0.5}
 
@@ -129,9 +129,34 @@ def test_errors_of_the_vendor_are_errors_of_the_hardware(log):
 
 def test_another_process_can_take_the_voltage_away(log):
     place, arguments = card().outside_stop()
-    assert place == "microstage_ros.hardware.daq:zero_output"
+    assert place == "microstage_ros.hardware.daq_stop:zero_output"
     zero_output(**arguments)
     assert [entry[2] for entry in log if entry[1] == "write"] == [(0.0,)]
+
+
+def test_a_channel_that_a_hanging_driver_holds_is_reset_and_put_to_zero(log, monkeypatch):
+    """The second task on a reserved channel is refused (-50103) until the card is reset, which ends the first."""
+    write, resets = Task.write, []
+
+    def reserved(self, *arguments, **named):
+        if not resets:
+            raise nidaqmx.errors.DaqError("the resource is reserved", -50103)
+        return write(self, *arguments, **named)
+
+    class Device:
+        def __init__(self, name):
+            inspect.signature(real.__init__).bind(self, name)
+            self.name = name
+
+        def reset_device(self):
+            inspect.signature(real.reset_device).bind(self)
+            resets.append(self.name)
+
+    real = nidaqmx.system.Device
+    monkeypatch.setattr(Task, "write", reserved)
+    monkeypatch.setattr(nidaqmx.system, "Device", Device)
+    zero_output("Dev1/ao0", 10.0)
+    assert resets == ["Dev1"] and of(log, "write") == [(0.0, {"auto_start": True})]
 
 
 def test_the_watchdog_of_a_card_that_has_one(log, monkeypatch):

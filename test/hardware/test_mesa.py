@@ -1,5 +1,6 @@
 """The backend mesa against an emulated card: registers, losses, watchdog, the axis over the wire."""
 
+import contextlib
 import json
 import math
 import struct
@@ -7,6 +8,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -196,3 +198,24 @@ def test_counts_are_summed_over_their_wrap():
     first = 1500
     assert card.reading.encoder == pytest.approx((counts - first) * 25e-9) and math.isnan(card.reading.current)
     assert card.velocity == pytest.approx(-2500 * 25e-9 / 1e-3)
+
+
+def test_counts_go_on_while_the_watchdog_has_cut_the_output():
+    """The counter has 16 bit: a stage that is pushed by 1 mm until somebody resets was read 1.6 mm off."""
+    card = make_hardware("mesa", Setup(AXIS, 1, {}))
+    card._before, card._stamp_hz = None, 2e6
+    card._take(struct.pack("<III", 0, 0, 0))
+    for counts in range(0, 40001, 8000):
+        with pytest.raises(HardwareError, match="its watchdog has cut the output"):
+            card._take(struct.pack("<III", 1, 0, counts & 0xFFFF))
+    card._take(struct.pack("<III", 0, 0, 40000 & 0xFFFF))
+    assert card.reading.encoder == pytest.approx(40000 * 25e-9)
+
+
+def test_a_card_that_answers_again_is_believed_after_twelve_readings():
+    card = make_hardware("mesa", Setup(AXIS, 1, {}))
+    card._link = SimpleNamespace(lost=0, stale=0, repeated=0)
+    for _ in range(100):
+        with contextlib.suppress(HardwareError):
+            card._loss("no answer")
+    assert card._errors == 12

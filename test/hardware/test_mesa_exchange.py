@@ -168,6 +168,18 @@ def test_a_set_up_is_sent_until_it_is_taken():
     assert repeated == ["again"] * 5
 
 
+def test_an_enable_that_is_lost_is_sent_again():
+    made, wire = card()
+    found, repeated = [None, (bytes(4), True)], []
+    wire.read = lambda commands, length, seconds: (repeated.append(seconds), found.pop(0))[1]
+    wire.repeat_write = lambda: repeated.append("again")
+    made.enable(False)
+    assert repeated == [0.02, "again", 0.02]  # within the periods of an axis at rest
+    wire.read = lambda *_: None
+    with pytest.raises(HardwareError, match="does not take its configuration"):
+        made.enable(False)
+
+
 def test_the_first_reading_is_asked_for_five_times():
     made, wire = card()
     asked, found = [], [None] * 4 + [answer(0, 0, 5)]

@@ -111,15 +111,61 @@ def test_words_of_the_shared_memory():
     holds.close()
 
 
+def late(memory, stop, volts=1.5):
+    """A watch whose last command is too long ago."""
+    watch = Watch(memory, stop)
+    struct.pack_into("<d", memory, 8 * VOLTS, volts)
+    watch.set(LIMIT, 10**6)
+    watch.set(BEAT, time.monotonic_ns() - 10**9)
+    return watch
+
+
+def test_a_stop_that_does_not_succeed_is_called_again_until_it_does():
+    answers = [False, False, True]
+    watch = late(bytearray(BYTES), lambda: answers.pop(0))
+    for left in (2, 1, 0, 0, 0):
+        watch.look()
+        assert len(answers) == left
+    assert watch.word(TAKEN_COUNT) == 1
+
+
+def test_what_is_put_out_again_by_a_loop_that_stands_still_is_taken_away_again():
+    memory, stopped = bytearray(BYTES), []
+    watch = late(memory, lambda: stopped.append(1))
+    watch.look()
+    struct.pack_into("<d", memory, 8 * VOLTS, 1.5)
+    watch.set(LIMIT, 10**12)
+    watch.set(BEAT, time.monotonic_ns() - 2 * 10**12)
+    watch.look()
+    assert len(stopped) == 1  # the driver has so long to hear of it
+    watch.set(LIMIT, 10**6)
+    time.sleep(0.002)
+    watch.look()
+    assert len(stopped) == 2 and struct.unpack_from("<d", memory, 8 * VOLTS)[0] == 0.0 and watch.word(TAKEN_COUNT) == 2
+
+
+def test_after_the_drivers_death_the_stop_is_tried_until_it_succeeds_or_time_is_over(monkeypatch):
+    answers = [False] * 3 + [True]
+    assert Watch(bytearray(BYTES), lambda: answers.pop(0)).died() and not answers
+    taken = late(bytearray(BYTES), lambda: answers.pop(0))
+    answers += [False, False, True]
+    taken.look()
+    assert taken.died() and not answers and taken.word(TAKEN_COUNT) == 1
+    monkeypatch.setattr(watchdog, "TRIES_S", 0.05)
+    tries = []
+    assert not Watch(bytearray(BYTES), lambda: tries.append(1) or False).died() and len(tries) > 1
+
+
 @pytest.mark.parametrize("text", ["null", "[]"])
 def test_no_stop_from_outside(text):
-    assert watchdog.outside_stop(text)() is None
+    assert watchdog.outside_stop(text)() is True
 
 
-def test_a_stop_from_outside_that_fails_is_told_and_nothing_else(tmp_path, monkeypatch, capsys):
+def test_a_stop_from_outside_that_fails_is_told_once(tmp_path, monkeypatch, capsys):
     (tmp_path / "a_card_that_fails.py").write_text("def take(volts):\n    raise OSError(f'no {volts}')\n")
     monkeypatch.syspath_prepend(str(tmp_path))
-    watchdog.outside_stop('["a_card_that_fails:take", {"volts": 3}]')()
+    stop = watchdog.outside_stop('["a_card_that_fails:take", {"volts": 3}]')
+    assert stop() is False and stop() is False
     assert capsys.readouterr().err == "watchdog: a_card_that_fails:take: OSError: no 3\n"
 
 

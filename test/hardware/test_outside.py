@@ -9,7 +9,8 @@ import pytest
 from microstage_ros import hardware
 from microstage_ros.commands.backend import chosen_backend
 from microstage_ros.hardware import make_hardware
-from microstage_ros.hardware.protocol import HardwareError, Reading, Setup
+from microstage_ros.hardware.outside import OutsideBackend
+from microstage_ros.hardware.protocol import HardwareError, Reading, Setup, instruments, safety_members
 from microstage_ros.model.axis_file import load_axis
 from microstage_ros.places import config_file
 from microstage_ros.quantities.errors import InputError
@@ -82,6 +83,63 @@ def test_a_class_from_the_path_needs_five_members_only(module):
     (SimpleNamespace(encoder=1.0, current=None), (1.0, math.nan, math.nan))])
 def test_forms_of_a_reading(module, given, expected):
     assert made(f"{module}:Card", reading=given).read() == pytest.approx(expected, nan_ok=True)
+
+
+class Unsafe:
+    """A card whose safety members fail, each in its own way."""
+
+    simulated, pressed, switches = False, 1, (0, 1)
+
+    def __init__(self, setup):
+        self.enabled = []
+
+    def open(self):
+        pass
+
+    def read(self):
+        return 0.0
+
+    def write(self, voltage):
+        pass
+
+    def close(self):
+        pass
+
+    def enable(self, on):
+        if on:
+            raise OSError("cable out")
+        self.enabled.append(on)
+
+    def e_stop(self):
+        if self.pressed is None:
+            raise OSError("cable out")
+        return self.pressed
+
+    def limit_switches(self):
+        return self.switches
+
+    def temperature(self):
+        raise ValueError("no sensor")
+
+
+def test_safety_members_raise_errors_of_the_hardware_and_give_what_is_expected():
+    card = OutsideBackend("unsafe", Unsafe, Setup(AXIS))
+    members = safety_members(card)
+    assert set(members) == {"enable", "e_stop", "limit_switches"}
+    assert members["e_stop"]() is True and members["limit_switches"]() == (False, True)
+    members["enable"](False)
+    assert card._inner.enabled == [False]
+    with pytest.raises(HardwareError, match=r"^enable\(\): OSError: cable out$"):
+        members["enable"](True)
+    card._inner.pressed = None
+    with pytest.raises(HardwareError, match=r"^e_stop\(\): OSError: cable out$"):
+        members["e_stop"]()
+    for wrong in (None, 3, (True,), (True, False, True)):
+        card._inner.switches = wrong
+        with pytest.raises(HardwareError, match=r"^limit_switches\(\) gave .*, expected \(lower, upper\), True for the one that is actuated$"):
+            members["limit_switches"]()
+    with pytest.raises(HardwareError, match="no sensor"):
+        instruments(card)["temperature"]()
 
 
 def test_what_it_raises_is_an_error_of_the_hardware(module):

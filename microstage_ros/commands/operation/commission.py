@@ -6,6 +6,7 @@ import math
 import signal
 import sys
 import threading
+from contextlib import ExitStack
 from pathlib import Path
 
 import yaml
@@ -96,11 +97,12 @@ def _run(arguments, sketch, backend, store):
             guard = watched(backend)
             outcome = commission(machine, sketch, store, arguments.seed, progress)
         finally:
-            for switch in filter(callable, [getattr(backend, "enable", None)]):
-                switch(False)
-            backend.close()
-            if guard is not None:
-                guard.close()
+            with ExitStack() as ends:  # from the last to the first, each whatever became of the others
+                if guard is not None:
+                    ends.callback(guard.close)
+                ends.callback(backend.close)
+                for switch in filter(callable, [getattr(backend, "enable", None)]):
+                    ends.callback(switch, False)
     except HardwareError as error:
         outcome = Outcome(says=f"the hardware reported: {error}")
     finally:

@@ -47,7 +47,6 @@ MODES = {"pwm_dir": 0, "up_down": 2, "pdm": 3, "offset": 0}
 LOSS, MOST_ERRORS = 2, 10
 STAMP_DIVIDER_HZ = 2e6
 PET = 0x5A000000
-MOST_COUNTS = 32767  # between two good readings: the counter has 16 bit
 
 
 class MesaCard:
@@ -157,12 +156,12 @@ class MesaCard:
         sources = [write32(port.address(2, number), mask) for number, mask in masks.items()]
         return sources + [write32(port.address(1, number), mask) for number, mask in masks.items()]
 
-    def _send_checked(self, *commands):
-        """Writes of the set-up, sent until the card has taken them."""
+    def _send_checked(self, *commands, wait=0.2):
+        """Writes of the set-up, sent until the card has taken them; ``wait`` for each answer [s]."""
         link = self._wire
         link.write(*commands)
         for _ in range(5):
-            found = link.read(read32(hm.COOKIE), 4, 0.2)
+            found = link.read(read32(hm.COOKIE), 4, wait)
             if found is not None and found[1]:
                 return
             link.repeat_write()
@@ -208,7 +207,7 @@ class MesaCard:
         return self.reading
 
     def _loss(self, what):
-        self._errors += LOSS
+        self._errors = min(self._errors + LOSS, MOST_ERRORS + LOSS)  # a card that answers again is soon believed
         if self._errors >= MOST_ERRORS:
             raise HardwareError(
                 f"Mesa card: {what}, error level {self._errors} (lost {self._wire.lost}, stale {self._wire.stale}, "
@@ -218,11 +217,6 @@ class MesaCard:
     def _take(self, data):
         """Counts and stamps of one answer; the 16-bit counter is summed up by signed differences."""
         status, clock, count, *current = struct.unpack(f"<{len(data) // 4}I", data)
-        if status & 1:
-            raise HardwareError(
-                "Mesa card: its watchdog has cut the output (no write for "
-                f"{float(self.options['watchdog_s']) * 1e3:g} ms)"
-            )
         stamp, now = count >> 16, clock & 0xFFFF
         if self._before is not None:
             moved = ((count & 0xFFFF) - self._before[0] + 0x8000 & 0xFFFF) - 0x8000
@@ -233,6 +227,11 @@ class MesaCard:
         self.reading = Reading(
             sign * self._counts * self._count, self._current(current[0], now) if current else math.nan
         )
+        if status & 1:  # after the counts: the stage may be moved by hand until somebody resets
+            raise HardwareError(
+                "Mesa card: its watchdog has cut the output (no write for "
+                f"{float(self.options['watchdog_s']) * 1e3:g} ms)"
+            )
 
     def _speed(self, moved, stamp, now, stamp_before):
         """Speed by counts over the time between their events; without an event at most one count over the time
@@ -277,9 +276,9 @@ class MesaCard:
         return round(abs(share) * ((1 << self._bits) - 1)) << 16 | (0x80000000 if share < 0.0 else 0)
 
     def enable(self, on):
-        """The card's own enable output of the channel."""
+        """The card's own enable output of the channel, sent until the card has taken it. Raises `HardwareError`."""
         if self._link is not None:
-            self._link.write(write32(self._pwm.address(4), 1 << int(self.options["output"]) if on else 0))
+            self._send_checked(write32(self._pwm.address(4), 1 << int(self.options["output"]) if on else 0), wait=0.02)
 
     def watchdog(self, seconds):
         """Arm the card's watchdog with another time, ``seconds`` [s]; 0 for the longest it can be. One that has cut the

@@ -5,6 +5,7 @@ All of it runs in the loop's own thread, which alone has the hardware and the ga
 
 import math
 import time
+from contextlib import suppress
 
 from microstage_msgs.msg import AxisState, VoltageCommand
 
@@ -60,6 +61,9 @@ class DriverPeriods(DriverState):
 
     def _open(self):
         self.hardware.open()
+        self._opened = True
+        if "outside_stop" in self._safety and not self.gate.holds:
+            self._stop_from_outside = self._safety["outside_stop"]()
         self._written = 0.0
         if self.gate.holds:
             self.gate.place(getattr(self.hardware, "standing", None))
@@ -80,6 +84,7 @@ class DriverPeriods(DriverState):
         self.guard.hand_back()
 
     def _activate(self):
+        self._look_at_signals()
         if not self.gate.activate():
             self.get_logger().error(f"not activated: fault {self.gate.fault} is latched ({self.gate.message}); "
                                     f"service {topics.RESET_FAULT} forgets it")
@@ -87,12 +92,20 @@ class DriverPeriods(DriverState):
         self._due = None
         begin_anew(self.memory[0])
         self._make_safe()
-        self._arm_card(True)
-        self._enable(True)
-        if not self._lockstep:
-            self.guard.arm()
+        self._energise()
+        if self.gate.fault != "none":  # it stays inactive: a reset must not set it going
+            self._deactivate()
+            return False
         self._tell()
-        return self.gate.fault == "none"
+        return True
+
+    def _energise(self):
+        """Arm the card's watchdog, enable the drive, have the output watched: as far as no fault comes up."""
+        for step in (self._arm_card, self._enable):
+            if self.gate.fault == "none":
+                step(True)
+        if self.gate.fault == "none" and not self._lockstep:
+            self.guard.arm()
 
     def _deactivate(self):
         self.gate.deactivate()
@@ -104,6 +117,11 @@ class DriverPeriods(DriverState):
 
     def _shut(self):
         self._deactivate()
+        self._let_go()
+
+    def _let_go(self):
+        """Close the hardware."""
+        self._opened = False
         self.hardware.close()
 
     def _trip(self, fault, message):
@@ -116,32 +134,12 @@ class DriverPeriods(DriverState):
     def _forget_fault(self):
         """Reset; the driver goes on where it was active."""
         self.gate.reset()
+        self._look_at_signals()
         begin_anew(self.memory[0])
         self._due = None
         if self.gate.active:
-            self._arm_card(True)
-            self._enable(True)
-            if not self._lockstep:
-                self.guard.arm()
+            self._energise()
         self._tell()
-
-    def _enable(self, on):
-        """The drive's enable output, where the backend has one; reported only when it changes."""
-        if "enable" in self._safety and on != self._enabled:
-            self._enabled = on
-            try:
-                self._safety["enable"](on)
-            except HardwareError as error:
-                self.gate.trip("hardware", str(error))
-
-    def _arm_card(self, on):
-        """The card's own watchdog, where the backend has one: armed while the driver is active and writes in every
-        period. It puts the output to zero, so not for a drive that holds a position."""
-        if "watchdog" in self._safety and not self.gate.holds:
-            try:
-                self._safety["watchdog"](self._card_watchdog_s if on else 0.0)
-            except HardwareError as error:
-                self.gate.trip("hardware", str(error))
 
     def _tell(self):
         self._reported = (self.gate.active, self.gate.fault)
@@ -158,6 +156,10 @@ class DriverPeriods(DriverState):
         self._servo.wait(self._idle_readers, SLICE)
         self._take_commands()
         self._credits.take()
+        if self._opened and not self.hardware.simulated:
+            self._look_at_signals()
+            with suppress(HardwareError):  # a card that counts must not lose its place; errors are the next read's
+                self.hardware.read()
 
     def _begin(self, time_ns):
         """Read, publish: the control period begins."""
@@ -179,18 +181,7 @@ class DriverPeriods(DriverState):
                 gate.voltage,
             )
         self._announce(time_ns, reading, late, code)
-        if self._safety:
-            self._look_at_signals()
-
-    def _look_at_signals(self):
-        """Emergency stop and limit switches, where the backend has them."""
-        try:
-            if "e_stop" in self._safety and self._safety["e_stop"]():
-                self.gate.trip("e_stop", "the emergency stop is pressed, or its circuit is open")
-            if "limit_switches" in self._safety:
-                self._switches = self._safety["limit_switches"]()
-        except HardwareError as error:
-            self.gate.trip("hardware", str(error))
+        self._look_at_signals()
 
     def _announce(self, time_ns, reading, late, code):
         """The state of the next period, as it was read; ``code``: of the limit that was breached, 0 for none."""
@@ -300,12 +291,13 @@ class DriverPeriods(DriverState):
             if self._take_commands():
                 self._write(gate.voltage)
                 written = True
-        if not written:  # the card's watchdog asks for a sign of life in every period
+        if self.guard.taken:  # before anything is written: what was in force when this loop stood still is over
+            self._taken_away()
+        gate.hold(self._hold_s)
+        if not written or gate.voltage != self._written:  # a card's watchdog asks for a sign of life in every period
             self._write(gate.voltage)
         if gate.last == n:
             self.responses.add(time.perf_counter() - begun)
-        if self.guard.taken:
-            self._taken_away()
         gate.close_period(self.parameters.command_timeout_s)
         if n % 100 == 0:
             self._credits.take()
@@ -347,6 +339,8 @@ class DriverPeriods(DriverState):
         """Go on measuring in real time under the safe command, whatever commands say."""
         self._hold_back(max(self.period, 1e-3))
         self._make_safe()
+        if self._disables:
+            self._enable(False)  # nothing, but where the hardware refused it before
         self._begin(round((self.sequence + 1) * self.period * 1e9) if self.parameters.mode == "lockstep"
                     else time.time_ns())
         self.topics.rest(*self._begun)

@@ -1,4 +1,5 @@
-"""What the parts of the axis driver share: the node with its parameters, the hardware, the gate, paths of messages.
+"""What the parts of the axis driver share: the node with its parameters, the hardware and its safety chain, the gate,
+paths of messages.
 
 Each part (`driver_periods`, `driver_requests`) is a class over this one; `nodes.axis_driver` puts them together.
 """
@@ -12,7 +13,7 @@ from microstage_ros.hardware import make_hardware
 from microstage_ros.hardware.command_gate import CommandGate
 from microstage_ros.hardware.limits import new_limits
 from microstage_ros.hardware.output_guard import OutputGuard
-from microstage_ros.hardware.protocol import Hardware, Setup, safety_members
+from microstage_ros.hardware.protocol import Hardware, HardwareError, Setup, safety_members
 from microstage_ros.model.actuators import actuator_of
 from microstage_ros.model.axis_file import load_axis
 from microstage_ros.places import config_file
@@ -91,7 +92,9 @@ class DriverState(LifecycleNode):
         if self._lockstep and not self.hardware.simulated:
             raise InputError("axis_driver: parameter mode", p.mode, f"paced: backend {p.backend} has its own time")
         self._safety: dict[str, Callable] = safety_members(self.hardware)
-        self._enabled, self._switches, self._written = False, (False, False), 0.0
+        self._opened, self._written = False, 0.0
+        self._enabled: bool | None = False  # None: the hardware did not say that it is as asked
+        self._switches = False, False
         self._open_paths()
 
     def _open_paths(self):
@@ -124,3 +127,35 @@ class DriverState(LifecycleNode):
         if self._quick is not None and self._lockstep:
             self._quick.grant(limit)
             self._wake()
+
+    def _enable(self, on):
+        """The drive's enable output, where the backend has one; set only when it changes, and again where it is not
+        known to be set."""
+        if "enable" in self._safety and on != self._enabled:
+            self._enabled = None
+            try:
+                self._safety["enable"](on)
+                self._enabled = on
+            except HardwareError as error:
+                self.gate.trip("hardware", str(error))
+
+    def _arm_card(self, on):
+        """The card's own watchdog, where the backend has one: armed while the driver is active and writes in every
+        period. It puts the output to zero, so not for a drive that holds a position."""
+        if "watchdog" in self._safety and not self.gate.holds:
+            try:
+                self._safety["watchdog"](self._card_watchdog_s if on else 0.0)
+            except HardwareError as error:
+                self.gate.trip("hardware", str(error))
+
+    def _look_at_signals(self):
+        """Emergency stop and limit switches, where the backend has them."""
+        if not (self._safety and self._opened):
+            return
+        try:
+            if "e_stop" in self._safety and self._safety["e_stop"]():
+                self.gate.trip("e_stop", "the emergency stop is pressed, or its circuit is open")
+            if "limit_switches" in self._safety:
+                self._switches = self._safety["limit_switches"]()
+        except HardwareError as error:
+            self.gate.trip("hardware", str(error))

@@ -75,11 +75,9 @@ class AxisDriver(DriverRequests):
         """Take hold of the hardware, and have the output watched."""
         done = self._in_loop(self._open)
         if done == TransitionCallbackReturn.SUCCESS:
-            self._stop_from_outside = (
-                self._safety["outside_stop"]() if "outside_stop" in self._safety and not self.gate.holds else None)
             if not self.guard.start(self._stop_from_outside):
                 self.get_logger().error("not configured: the watchdog's process does not start")
-                self._in_loop(self.hardware.close)
+                self._in_loop(self._let_go)
                 return TransitionCallbackReturn.FAILURE
             self._configured = True  # from now on it is looked after once per second
         return done
@@ -99,7 +97,7 @@ class AxisDriver(DriverRequests):
     def on_cleanup(self, state):
         """Let go of the hardware."""
         self._configured = False
-        return self._in_loop(self.hardware.close)
+        return self._in_loop(self._let_go)
 
     def on_shutdown(self, state):
         """Zero voltage, let go of the hardware."""
@@ -167,7 +165,7 @@ class AxisDriver(DriverRequests):
                 self.topics.flush()  # now: the rest of the end takes its time on a busy machine
         finally:
             try:
-                self.hardware.close()
+                self._let_go()
             finally:
                 self.guard.close()
         self._requests.close()
