@@ -65,6 +65,9 @@ class DaqCard:
             raise InputError(
                 "DAQ card: option samples_per_period", self._options["samples_per_period"], "a whole number from 1"
             )
+        factor = self._options["ampere_per_volt"]
+        if isinstance(factor, bool) or not isinstance(factor, (int, float)):
+            raise InputError("DAQ card: option ampere_per_volt", factor, "a number of A/V")
         self._range = setup.axis.value("drive.dac_range")
         self._holds = actuator_of(setup.axis).holds_on_fault
         self._count = setup.axis.value("sensors.encoder.resolution")

@@ -1,15 +1,18 @@
 """The simulated axis: the compiled step of `solver.step` behind the calls of a real one."""
 
 import re
+from dataclasses import fields
 
 from microstage_ros.hardware.protocol import Reading, Truth
 from microstage_ros.model.actuators import actuator_of
 from microstage_ros.model.axis_file import load_axis
 from microstage_ros.quantities.errors import InputError
+from microstage_ros.quantities.spec import Spec
 from microstage_ros.solver.period import advance_and_read, as_array, read
 from microstage_ros.solver.plant import NoiseSpec, make_plant, new_readings, new_state, new_work, usual_start
 
 OPTIONS = ("position", "noise", "friction", "machine", "effects")
+STARTS = ("random", "relaxed", "virgin")
 
 
 def made_plant(machine, noise=None, effects=None, place="effects of the run"):
@@ -67,6 +70,31 @@ def machine_for(axis, path):
     return machine
 
 
+def _checked(given):
+    """Options of the simulated axis, checked. Raises `InputError`."""
+    place = "simulated axis: option"
+    for name in given:
+        if name not in OPTIONS:
+            raise InputError(f"{place} {name}", given[name], "one of " + ", ".join(OPTIONS))
+    options = {name: value for name, value in given.items() if value is not None}
+    if not isinstance(options.get("noise", {}), dict):
+        raise InputError(f"{place} noise", options["noise"], "a mapping, as in run files")
+    noises = [field.name for field in fields(NoiseSpec)]
+    for name, value in options.get("noise", {}).items():
+        if name not in noises:
+            raise InputError(f"{place} noise: {name}", value, "one of " + ", ".join(noises))
+        if value is not None:
+            Spec(name.rpartition("_")[2], 0.0, 1e3, "standard deviation").check(value, f"{place} noise: {name}")
+    if "position" in options:
+        options["position"] = Spec("m", -1e3, 1e3, "of the stage at the start").check(options["position"],
+                                                                                     f"{place} position")
+    if options.get("friction", STARTS[0]) not in STARTS:
+        raise InputError(f"{place} friction", options["friction"], "one of " + ", ".join(STARTS))
+    if not isinstance(options.get("machine", ""), str):
+        raise InputError(f"{place} machine", options["machine"], "the name of an axis file")
+    return options
+
+
 class SimulatedAxis:
     """One axis of MODEL equations; `read` moves it by one control period.
 
@@ -90,10 +118,7 @@ class SimulatedAxis:
     simulated = True
 
     def __init__(self, setup):
-        options = dict(setup.options or {})
-        for name in options:
-            if name not in OPTIONS:
-                raise InputError(f"simulated axis: option {name}", options[name], "one of " + ", ".join(OPTIONS))
+        options = _checked(setup.options or {})
         machine = machine_for(setup.axis, options.get("machine"))
         self._plant = made_plant(machine, NoiseSpec(**options.get("noise", {})), options.get("effects"),
                                  "simulated axis: option effects")

@@ -35,6 +35,28 @@ def test_row_convention():
     assert axis.truth.stage_position >= 0.0
 
 
+@pytest.mark.parametrize("options, words", [
+    ({"noise": {"encoder": 8e-9}}, "option noise: encoder: got 8e-09, expected one of encoder_m, voltage_V"),
+    ({"noise": {"encoder_m": "fine"}}, "option noise: encoder_m: got 'fine', expected"),
+    ({"noise": 3}, "option noise: got 3, expected a mapping"),
+    ({"position": "home"}, "option position: got 'home'"), ({"friction": "none"}, "option friction: got 'none', expected one of random, relaxed"),
+    ({"machine": 5}, "option machine: got 5, expected the name of an axis file")])
+def test_a_wrong_option_of_the_simulated_axis_is_one_line(options, words):
+    with pytest.raises(InputError) as wrong:
+        make_hardware("simulated", Setup(AXIS, 1, options))
+    assert words in str(wrong.value)
+
+
+@pytest.mark.parametrize("options, words", [
+    ({"encoder": "a"}, "option encoder: got 'a', expected a whole number"), ({"output": 1.0}, "option output: got 1.0"),
+    ({"port": None}, "option port: got None"), ({"position": "10um"}, "option position: got '10um', expected a number"),
+    ({"current_A_per_hz": True}, "option current_A_per_hz: got True"), ({"current_encoder": 1.5}, "option current_encoder: got 1.5")])
+def test_a_wrong_option_of_the_mesa_card_is_one_line(options, words):
+    with pytest.raises(InputError) as wrong:
+        make_hardware("mesa", Setup(AXIS, 1, options))
+    assert words in str(wrong.value)
+
+
 def test_same_seed_same_bits():
     voltages = 0.4 * np.sin(np.arange(500) * 0.02)
     first, second, other = run(voltages, 5)[0], run(voltages, 5)[0], run(voltages, 6)[0]

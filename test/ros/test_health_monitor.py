@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from microstage_msgs.action import Investigate
+from microstage_msgs.action import Investigate, MoveTo
 from microstage_msgs.msg import ControllerState, Health
 from rclpy.action import ActionClient
 from ros_support import ros_node, spin_until
@@ -123,3 +123,62 @@ def test_moves_that_a_limit_ends_lose_no_window(monkeypatch, tmp_path, moved):
     with pytest.raises(InputError, match="ended: the command reached 0.4 V"):
         monitor._make_moves = lambda *_: "ended: the command reached 0.4 V"
         health_monitor.HealthMonitor._find_cause(monitor, goal, result)
+
+
+class Moves:
+    """Stands in for the action's client: each move ends with the next of ``codes``."""
+
+    def __init__(self, *codes):
+        self.codes, self.goals, self.cancelled = list(codes), [], 0
+
+    def wait_for_server(self, seconds):
+        return True
+
+    def send_goal_async(self, goal, goal_uuid=None):
+        self.goals.append(goal)
+        code = self.codes.pop(0)
+        result = SimpleNamespace(result=MoveTo.Result(code=code or 0, message="as the operator asked"))
+        return done(SimpleNamespace(get_result_async=lambda: done(result, ended=code is not None), cancel_goal_async=self._cancel))
+
+    def _cancel(self):
+        self.cancelled += 1
+
+
+def done(value, ended=True):
+    return SimpleNamespace(done=lambda: ended, result=lambda: value)
+
+
+def moving(moves, **more):
+    """A monitor that makes ``moves``, and the goal of an investigation."""
+    monitor = SimpleNamespace(_move=moves, _largest=0.0, _stroke=0.02, _in_turn=SimpleNamespace(call=lambda what: what()), _tell=lambda *_: None)
+    monitor._one_move = lambda *what: health_monitor.HealthMonitor._one_move(monitor, *what)
+    return monitor, SimpleNamespace(is_cancel_requested=False, **more)
+
+
+LIMITS = health_monitor.Limits(-5.0e-3, 5.0e-3, 6.0)
+
+
+@pytest.mark.parametrize("code", [MoveTo.Result.CODE_FAULT, MoveTo.Result.CODE_SUPERSEDED, MoveTo.Result.CODE_REFUSED, MoveTo.Result.CODE_CANCELLED])
+def test_a_stop_or_a_hold_of_the_operator_ends_the_moves(code):
+    """The next move began at once after a hold, and again after a reset; refused ones were counted as made."""
+    moves = Moves(MoveTo.Result.CODE_REACHED, MoveTo.Result.CODE_TIMEOUT, code)
+    monitor, goal = moving(moves)
+    said = health_monitor.HealthMonitor._make_moves(monitor, goal, LIMITS, Investigate.Goal(duration=60.0))
+    assert said.startswith("2 moves; ended: the move to ") and "as the operator asked" in said and len(moves.goals) == 3
+
+
+def test_a_move_has_the_time_that_its_length_takes():
+    moves = Moves(*[MoveTo.Result.CODE_REACHED] * 40, MoveTo.Result.CODE_FAULT)
+    monitor, goal = moving(moves)
+    health_monitor.HealthMonitor._make_moves(monitor, goal, LIMITS, Investigate.Goal(duration=60.0))
+    lengths = np.abs(np.diff([-0.015, *(move.target for move in moves.goals)]))
+    assert all(move.timeout > length / move.max_velocity + 5.0 for move, length in zip(moves.goals, lengths, strict=True))
+    assert max(lengths / [move.max_velocity for move in moves.goals]) > 10.0  # the default would have ended these
+
+
+def test_a_cancelled_investigation_cancels_its_move():
+    moves = Moves(None)
+    monitor, goal = moving(moves)
+    monitor._tell = lambda *_: setattr(goal, "is_cancel_requested", True)
+    assert health_monitor.HealthMonitor._make_moves(monitor, goal, LIMITS, Investigate.Goal(duration=60.0)) == "0 moves; ended: cancelled"
+    assert moves.cancelled == 1

@@ -83,12 +83,15 @@ class MesaCard:
         if self.options["pwm_mode"] not in MODES:
             raise InputError("Mesa card: option pwm_mode", self.options["pwm_mode"], "one of " + ", ".join(MODES))
         for name in ("full_scale", "pwm_hz", "watchdog_s", "wait_share", "patience_s"):
-            if (
-                isinstance(self.options[name], bool)
-                or not isinstance(self.options[name], (int, float))
-                or not self.options[name] > 0.0
-            ):
+            if not (_is_number(self.options[name]) and self.options[name] > 0.0):
                 raise InputError(f"Mesa card: option {name}", self.options[name], "a number above 0")
+        for name in ("position", "current_zero_hz", "current_A_per_hz"):
+            if not _is_number(self.options[name]):
+                raise InputError(f"Mesa card: option {name}", self.options[name], "a number")
+        for name in ("port", "encoder", "output", "current_encoder"):
+            value, may_miss = self.options[name], OPTIONS[name] is None
+            if (isinstance(value, bool) or not isinstance(value, int)) and not (value is None and may_miss):
+                raise InputError(f"Mesa card: option {name}", value, "a whole number")
 
     @property
     def _wire(self):
@@ -303,6 +306,10 @@ class MesaCard:
                 link.send(write32(self._pwm.address(0, unit), self._value(0.0)), write32(self._pwm.address(4), 0), off)
         finally:
             link.close()
+
+
+def _is_number(value):
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
 
 
 def pwm_rate(frequency, clock, pdm=False):

@@ -133,6 +133,8 @@ class CellProcesses:
         self._folder = tempfile.TemporaryDirectory(prefix="microstage_")
         if self._logs:
             self._logs.mkdir(parents=True, exist_ok=True)
+            for name in self.nodes:  # of an earlier cell; a process that is started again adds to its own
+                Path(self._log(name)).unlink(missing_ok=True)
         folder = self._folder.name
         self._forked = ForkedNodes([self._node(name, folder) for name in self.nodes], self._log("fork_server"), folder)
         self.processes = dict(self._forked.processes)

@@ -251,7 +251,7 @@ def _become(node, module):
     prctl(PR_SET_NAME, node["name"].encode(), 0, 0, 0)
     prctl(PR_SET_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
     if node["log"]:
-        log = os.open(node["log"], os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o666)
+        log = os.open(node["log"], os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o666)  # after what the one before said
         for descriptor in (1, 2):
             os.dup2(log, descriptor)
         os.close(log)
@@ -262,7 +262,7 @@ def _become(node, module):
 
 def _start_alone(node):
     """A process of its own from the start. Returns its number."""
-    log = open(node["log"], "wb") if node["log"] else None
+    log = open(node["log"], "ab") if node["log"] else None
     process = subprocess.Popen(
         [sys.executable, "-m", f"{PACKAGE}.{node['name']}", *node["arguments"]],
         stdin=subprocess.DEVNULL,

@@ -156,6 +156,10 @@ def run_node(make, arguments=None, threads=1):
         print(" ".join(str(error).split()), file=sys.stderr)
         rclpy.try_shutdown()
         return 2
+    except OSError as error:  # a disk that is full, a folder that cannot be written
+        print(f"{error.filename or 'the node cannot begin'}: {error.strerror or error}", file=sys.stderr)
+        rclpy.try_shutdown()
+        return 1
     _leave_garbage_alone()
     executor = MultiThreadedExecutor(threads) if threads > 1 else SingleThreadedExecutor()
     executor.add_node(node)

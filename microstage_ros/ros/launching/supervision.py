@@ -16,6 +16,9 @@ RESTARTED = ("gms_observer", "interferometer_logger", "move_server", "bag_record
 MOST_RESTARTS, WITHIN_S = 5, 60.0
 """More ends of one process than this in this time [s] are no accident."""
 
+GIVEN_UP = ("bag_recorder",)
+"""Without these the axis goes on where they end again and again, as the recorder does on a full disk."""
+
 STOPPED_S = 5.0
 """A process that has been stopped by a signal for so long [s] is started anew."""
 
@@ -45,6 +48,7 @@ class Supervisor:
         self._trip = node.create_client(Trip, topics.TRIP)
         self._restarts = {name: [] for name in cell.processes}
         self._stopped_since, self._since, self._published = {}, time.time_ns(), None
+        self._given_up: dict[str, str] = {}
         self._publish("")
 
     def look(self):
@@ -57,7 +61,9 @@ class Supervisor:
             raise CellFailure(f"{says}: the axis stands still at zero volts")
         for name, process in list(self._cell.processes.items()):
             status = process.poll()
-            if status is not None:
+            if name in self._given_up:
+                missing.append(self._given_up[name])
+            elif status is not None:
                 missing.append(self._ended(name, process, status))
             elif process.stopped:
                 missing.append(self._stands_still(name, process))
@@ -74,9 +80,13 @@ class Supervisor:
         ends = [time.monotonic(), *(at for at in self._restarts[name] if time.monotonic() - at < WITHIN_S)]
         self._restarts[name] = ends
         if len(ends) > MOST_RESTARTS:
-            raise CellFailure(
-                f"{name} ended {len(ends)} times in {WITHIN_S:.0f} s, the last time {how}{self._cell.last_words(name)}"
-            )
+            says = (f"{name} ended {len(ends)} times in {WITHIN_S:.0f} s, the last time {how}"
+                    f"{self._cell.last_words(name)}")
+            if name not in GIVEN_UP:
+                raise CellFailure(says)
+            self._given_up[name] = f"{says}; the axis goes on without it"
+            self._tell(self._given_up[name])
+            return self._given_up[name]
         self._tell(f"{name} ended {how}; started again")
         self._cell.restart(name)
         return f"{name} ended {how} and is started again"

@@ -8,6 +8,7 @@ import importlib
 import json
 import sys
 import time
+from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
 
@@ -226,7 +227,9 @@ class BagRecorder(Node):
         self._tracks[self._prefix + name] = ServoTrack(stream, channel, kind, by_stamp)
 
     def close(self):
-        """Take what is still coming, put the parameters into the bag, close it."""
+        """Take what is still coming, put the parameters into the bag, close it. On a full disk what the bag holds is
+        kept, as `loop` has said."""
+        missing: dict[str, int] = {}
         try:
             silent_until = time.monotonic() + DRAIN
             end = time.monotonic() + self.parameters.longest_drain_s   # an axis that goes on never falls silent
@@ -242,7 +245,8 @@ class BagRecorder(Node):
         except BagStopped:
             pass
         finally:
-            self._bag.close()
+            with suppress(BagStopped):
+                self._bag.close()
         counted = sum(track.count for track in self._tracks.values())
         print(f"{counted} messages in {self._bag.folder or self._bag.file}"
               + (f", missing: {missing}" if missing else ", none missing"), flush=True)

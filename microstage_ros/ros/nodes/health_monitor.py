@@ -40,7 +40,9 @@ from microstage_ros.ros.transport.servo_path import make_servo_path
 WAIT = 0.05  # s, longest sleep between two looks at the stream
 LOOK = 0.5  # s, between two looks for senders without blocks
 KEPT = 12  # windows kept as records for an investigation
-MOVE_TIME = 30.0  # s, longest wait for one move's result
+SETTLING = 10.0  # s, for a move beyond its time at the speed that it is given
+ANSWER = 30.0  # s, longest wait for a move's result beyond its own time-out
+MADE = (MoveTo.Result.CODE_REACHED, MoveTo.Result.CODE_TIMEOUT)  # it moved, whether or not it settled
 
 
 class HealthMonitor(Node):
@@ -51,6 +53,7 @@ class HealthMonitor(Node):
         p = self.parameters = Parameters(self, "health_monitor")
         self._axis = load_axis(p.axis_file or config_file("axis.yaml"))
         self._machine, self._period = Machine(self._axis), self._axis.value("period")
+        self._stroke = self._axis.value("travel.maximum") - self._axis.value("travel.minimum")
         self._store = Store(
             p.store or ":memory:", self._axis.name, p.window
         )  # used by the judging thread alone, once it runs
@@ -245,8 +248,8 @@ class HealthMonitor(Node):
         return said
 
     def _make_moves(self, goal, limits, request):
-        """Moves within the limits until the time is over. Returns what was done, in words; raises InputError if none
-        was."""
+        """Moves within the limits until the time is over, or a move ends otherwise than by itself: an operator's stop
+        or hold ends them all. Returns what was done, in words; raises InputError where no move server answers."""
         if not self._move.wait_for_server(5.0):
             raise InputError(
                 "investigate",
@@ -254,39 +257,42 @@ class HealthMonitor(Node):
                 "a running cell, or no limits of travel: then the last windows are used",
             )
         self._largest, made, began = 0.0, 0, time.monotonic()
+        place = None  # where the axis is, once it has moved
         for target, velocity in targets(limits, request.seed):
             spent = time.monotonic() - began
             if spent > request.duration or goal.is_cancel_requested:
                 break
             self._tell(goal, "moving", min(spent / request.duration, 1.0))
-            if not self._one_move(target, velocity, limits):
-                return (
-                    f"{made} moves; ended: the command reached {self._largest:.3g} V, more than {limits.voltage:.3g} V"
-                )
-            made += 1
+            length = self._stroke if place is None else abs(target - place)
+            if why := self._one_move(goal, target, velocity, SETTLING + 2.0 * length / velocity, limits):
+                return f"{made} moves; ended: {why}"
+            made, place = made + 1, target
         return f"{made} moves between {limits.low:g} m and {limits.high:g} m, largest command {self._largest:.3g} V"
 
-    def _one_move(self, target, velocity, limits):
-        """One move; False if the voltage passed its limit, whereupon the move is cancelled."""
-        wanted, goal_id = MoveTo.Goal(target=target, max_velocity=velocity), new_goal_id()
+    def _one_move(self, goal, target, velocity, timeout, limits):
+        """One move; ``timeout`` [s]. Returns why there must be no further one, in words: the voltage passed its limit
+        or the investigation was cancelled, whereupon the move is, or it ended otherwise. Empty: it was made."""
+        wanted, goal_id = MoveTo.Goal(target=target, max_velocity=velocity, timeout=timeout), new_goal_id()
 
         def send():
             return self._in_turn.call(lambda: self._move.send_goal_async(wanted, goal_uuid=goal_id))
 
         sent = RepeatedCall(send, ASK_AGAIN)
-        end, handle, result = time.monotonic() + MOVE_TIME, None, None
+        end, handle, result = time.monotonic() + timeout + ANSWER, None, None
         while time.monotonic() < end:
             if handle is None and sent.done():
                 handle = sent.result()
                 result = RepeatedCall(lambda: self._in_turn.call(handle.get_result_async), RESULT_AGAIN)
-            if self._largest > limits.voltage:
+            if self._largest > limits.voltage or goal.is_cancel_requested:
                 if handle is not None:
                     self._in_turn.call(handle.cancel_goal_async)
-                return False
+                return ("cancelled" if goal.is_cancel_requested else
+                        f"the command reached {self._largest:.3g} V, more than {limits.voltage:.3g} V")
             if result is not None and result.done():
-                return True
+                ended = result.result().result
+                return "" if ended.code in MADE else f"the move to {target:g} m was not made ({ended.message})"
             time.sleep(0.005)
-        raise InputError("investigate", f"no result of the move to {target:g} m", f"one within {MOVE_TIME:g} s")
+        raise InputError("investigate", f"no result of the move to {target:g} m", f"one within {timeout + ANSWER:g} s")
 
     @staticmethod
     def _tell(goal, stage, progress):

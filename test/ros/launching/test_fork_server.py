@@ -95,11 +95,17 @@ def test_signals_that_come_together_before_a_node_is_there_all_reach_it(domain, 
 
 
 def test_bad_parameter_is_status_2_and_one_line(domain, tmp_path):
+    log = tmp_path / "str_controller.log"
+    log.write_text("of an earlier cell\n")
     with CellProcesses("/axis", NODES, {"str_controller": {"controller": "magic"}}, tmp_path) as cell:
         assert cell.processes["str_controller"].wait(240.0) == 2
         with pytest.raises(CellFailure, match="status 2: str_controller: .*magic"):
             cell.check()
         assert cell.processes["gms_observer"].poll() is None
+        said = log.read_text()
+        cell.restart("str_controller")
+        assert cell.processes["str_controller"].wait(240.0) == 2
+    assert log.read_text() == 2 * said and "earlier" not in said  # what one said stays when it is started again
 
 
 FAILS = """
