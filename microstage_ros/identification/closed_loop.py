@@ -31,6 +31,7 @@ def closed_loop_force(axis, record):
     # the loop amplifies every flipped count to half a newton: without counts the force is smooth in the parameters
     axis = axis.with_values({"sensors.encoder.resolution": 0.0}, source="derived")
     run = Run(
+        period_s=record.period_s,
         controller=dict(axis.controller),
         noise=NoiseSpec.none().as_dict(),
         program=[{"reference": record["reference_m"]}],

@@ -99,12 +99,16 @@ def _normal_quantile(log_tail):
 
 @dataclasses.dataclass(frozen=True)
 class ChannelHealth:
-    """A channel after a window: ``score`` [1], the ``trait`` behind it, ``alarm``, ``since`` when [s] (NaN: never)."""
+    """A channel after a window: ``score`` [1], the ``trait`` behind it, ``alarm``, ``since`` when [s] (NaN: never).
+
+    ``record``: whose time that is.
+    """
 
     score: float
     trait: str
     alarm: bool
     since: float
+    record: str = ""
 
 
 class Watch:
@@ -123,8 +127,11 @@ class Watch:
         self.limit = reference.limit(per_month)
         self._high, self._alarms = {}, {}
 
-    def judge(self, time, window):
-        """`ChannelHealth` by channel after a window that began at ``time`` [s]. An alarm stays until `reset`."""
+    def judge(self, time, window, record=""):
+        """`ChannelHealth` by channel after a window that began at ``time`` [s] of ``record``.
+
+        An alarm stays until `reset`.
+        """
         best = {}
         for (channel, trait), z in self.reference.quantiles(window).items():
             score = abs(z) / self.limit
@@ -133,10 +140,11 @@ class Watch:
         health = {}
         for channel, (score, trait) in best.items():
             run = self._high.setdefault(channel, [])
-            run.append(time) if score >= 1.0 else run.clear()
+            run.append((time, record)) if score >= 1.0 else run.clear()
             if len(run) >= IN_A_ROW:
                 self._alarms.setdefault(channel, run[0])
-            health[channel] = ChannelHealth(score, trait, channel in self._alarms, self._alarms.get(channel, math.nan))
+            health[channel] = ChannelHealth(score, trait, channel in self._alarms,
+                                            *self._alarms.get(channel, (math.nan, "")))
         return health
 
     def reset(self):

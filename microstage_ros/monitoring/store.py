@@ -119,10 +119,13 @@ class Store:
         )
 
     def history(self, channel=None):
-        """Rows (time, source, channel, score, trait, alarm, since), oldest first."""
+        """Rows (time, source, channel, score, trait, alarm, since) in the order in which they were judged.
+
+        Not in that of their times: every record of a file counts its time from zero.
+        """
         if channel is None:
-            return self._base.execute("SELECT * FROM health ORDER BY time, rowid").fetchall()
-        return self._base.execute("SELECT * FROM health WHERE channel = ? ORDER BY time, rowid", (channel,)).fetchall()
+            return self._base.execute("SELECT * FROM health ORDER BY rowid").fetchall()
+        return self._base.execute("SELECT * FROM health WHERE channel = ? ORDER BY rowid", (channel,)).fetchall()
 
     def close(self):
         """Close the file; everything is in it already."""

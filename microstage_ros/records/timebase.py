@@ -1,5 +1,7 @@
 """From a column of times to one sampling period, or to the row where the times break."""
 
+import math
+
 import numpy as np
 
 from microstage_ros.quantities.errors import InputError
@@ -49,7 +51,7 @@ def _broken_step(t_s, row, period, place, line_of):
     """Place, value and expectation for the first step that is not one period."""
     before, now = float(t_s[row - 1]), float(t_s[row])
     expected = f"{before + period:.9g} s (constant steps of {period:.6g} s)"
-    if now > before:
+    if now > before and math.isfinite((now - before) / period):
         lost = round((now - before) / period) - 1
         if lost >= 1:
             expected += f"; {lost} rows are missing, write lost samples as rows with empty fields"

@@ -13,6 +13,7 @@ from microstage_ros.identification.signals import motor_signals
 from microstage_ros.model.transmission import screw_ratio
 from microstage_ros.model.friction.contact import blocks_of
 from microstage_ros.quantities.errors import InputError
+from microstage_ros.records import Record
 
 
 def test_slow_reversals_give_the_virgin_curve(actuator_bench):
@@ -84,3 +85,34 @@ def test_a_load_that_never_holds_is_refused(guideway_bench):
     record, = experiments.repeats(guideway_bench, [run], 1)
     with pytest.raises(InputError, match="load that goes up in steps"):
         extract_loading(record, guideway_bench)
+
+
+def stepwise(levels, speeds, period=1e-3, hold=0.2):
+    """Record of a force that goes up in steps; at the end of step k the stage creeps with ``speeds`` [k] [m/s]."""
+    force, place = [], [0.0]
+    for level, speed in zip(levels, speeds):
+        rows = max(round(hold / period), 1)
+        force += [level] * rows
+        place += list(place[-1] + speed * period * np.arange(1, rows + 1))
+    place = np.array(place[1:]) + np.array(force) / 4e5
+    encoder = np.round(place / 25e-9) * 25e-9
+    return Record(period, {"encoder_m": encoder, "reference_m": 0.0 * encoder, "force_N": np.array(force)}, "steps.csv")
+
+
+@pytest.mark.parametrize("slides_at, held", [(0, "0 levels"), (1, "1 levels"), (2, "2 levels")])
+def test_a_load_under_which_the_stage_slides_at_once_is_refused_in_one_line(guideway_bench, slides_at, held):
+    speeds = np.zeros(20)
+    speeds[slides_at] = 1e-4
+    with pytest.raises(InputError, match=f"steps.csv: force: got '{held} held before it slides', expected a load that holds at 3 or more"):
+        extract_loading(stepwise(np.arange(20) * 0.01, speeds), guideway_bench)
+
+
+def test_a_load_that_never_rises_is_refused_in_one_line(guideway_bench):
+    with pytest.raises(InputError, match="rising levels held"):
+        extract_loading(stepwise(np.tile([0.02, 0.01], 10), np.zeros(20)), guideway_bench)
+
+
+def test_holds_of_a_few_rows_are_no_holds(guideway_bench):
+    """At 50 Hz a hold of four rows has no two halves of a last third to tell a speed by."""
+    with pytest.raises(InputError, match="0 levels held"):
+        extract_loading(stepwise(np.arange(20) * 0.01, np.zeros(20), period=0.02, hold=0.08), guideway_bench)

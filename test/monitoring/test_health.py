@@ -1,5 +1,6 @@
 """Scores and alarms against what statistics says of them."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -49,6 +50,9 @@ def test_an_alarm_takes_two_windows_in_a_row_and_stays_until_reset():
     assert found["torque"].alarm and found["torque"].since == 40.0 and found["torque"].trait == "level"
     assert not found["windup"].alarm and math.isnan(found["windup"].since)
     assert watch.judge(80.0, good)["torque"].alarm
+    watch.reset()
+    assert not watch.judge(20.0, bad, "monday")["torque"].alarm
+    assert watch.judge(0.0, bad, "tuesday")["torque"] == dataclasses.replace(found["torque"], since=20.0, record="monday")  # times are a record's own
     watch.reset()
     assert not watch.judge(100.0, good)["torque"].alarm
 

@@ -20,6 +20,8 @@ def test_what_is_kept_is_there_again(tmp_path):
         assert reference.windows == 9 and set(reference.spread) == {("torque", "level")}
         assert store.history("torque") == [(200.0, "rec", "torque", 1.2, "level", 1, 180.0)]
         assert store.history("windup") == []
+        store.add_health(0.0, "next", {"torque": ChannelHealth(1.5, "level", True, 180.0, "rec")})
+        assert [row[:2] for row in store.history("torque")] == [(200.0, "rec"), (0.0, "next")]  # as they were judged
 
 
 @pytest.mark.parametrize("axis, window_s, words", [("right", 20.0, "axis"), ("left", 10.0, "window_s")])

@@ -183,3 +183,22 @@ def test_source_tree_and_installation_define_the_same_messages(name, monkeypatch
     monkeypatch.delenv("AMENT_PREFIX_PATH")
     source = own_definition(name)
     assert (source.hash, source.types) == (installed.hash, installed.types)
+
+
+def test_times_below_zero_lose_no_row(tmp_path):
+    """As from a scope with a trigger: their stamps wrapped, and half a second was gone."""
+    record = full_record(3000)
+    columns = {**record.columns, "t_s": np.arange(3000) * 1e-4 - 0.1}
+    write_record(Record(1e-4, columns, metadata=record.metadata), tmp_path / "run.mcap")
+    back = read_record(tmp_path / "run.mcap")
+    assert len(back) == 3000
+    np.testing.assert_array_equal(back["encoder_m"], record["encoder_m"])
+
+
+@pytest.mark.parametrize("column", ["fine_position_m", "force_N", "torque_Nm"])
+def test_a_column_that_a_bag_has_no_message_for_is_refused(tmp_path, column):
+    record = full_record(100)
+    wider = Record(1e-4, {**record.columns, column: np.zeros(100)})
+    with pytest.raises(InputError, match=f"column {column}: got 'in the record', .*write the record into a .csv file"):
+        write_record(wider, tmp_path / "run.mcap")
+    assert not (tmp_path / "run.mcap").exists()

@@ -1,10 +1,15 @@
 """Logs of other machines are read as they are: formats, units, and what is odd about them."""
 
+import contextlib
+
 import numpy as np
 import pytest
+from mcap_ros2.writer import Writer as McapWriter
+from scipy.io import savemat
 
+from microstage_ros.commands.analysis import log as log_command
 from microstage_ros.quantities.errors import InputError
-from microstage_ros.records.logs import read_log
+from microstage_ros.records.logs import read_log, text_table
 from microstage_ros.records.logs.description import description_of
 from microstage_ros.records.logs.log import read_table
 from microstage_ros.records.logs.propose import propose
@@ -220,3 +225,105 @@ def test_names_are_matched_by_their_words_and_without_units(tmp_path, names, wan
     tree = propose(read_table(write(tmp_path / "a.csv", names, columns))).tree
     assert {key: f"{v['column']} {v['unit']}" for key, v in tree.items() if isinstance(v, dict)} == wanted
     assert "sampling_hz" not in tree
+
+
+@pytest.mark.parametrize("hand", [False, True])
+@pytest.mark.parametrize("odd, left_out", [("{t:.2f},7,{x:.4f},{i:.4f}", 10), ("{t:.2f},{x:.4f}", 10), ("{t:.2f},1,{x:.4f},{i:.4f}", 10)])
+def test_rows_of_another_number_of_fields_are_left_out_and_told(tmp_path, monkeypatch, hand, odd, left_out):
+    """With a field too many, as from a thousands separator, the numbers beside it were read in wrong columns."""
+    if hand:
+        monkeypatch.setattr(text_table, "polars_or_none", lambda: None)
+    t, x, i = rows()
+    lines = [(odd if n % 20 == 7 else "{t:.2f},{x:.4f},{i:.4f}").format(t=t[n], x=x[n], i=i[n]) for n in range(len(t))]
+    path = tmp_path / "log.csv"
+    path.write_text("t,x,i\n" + "\n".join(lines) + "\n")
+    table = read_table(path, described())
+    assert table.notes == [f"{left_out} lines with another number of fields are left out"] and table.rows == len(t) - left_out
+    kept = np.arange(len(t)) % 20 != 7
+    assert np.allclose(table.columns["x"], x[kept], atol=1e-4) and np.allclose(table.columns["i"], i[kept], atol=1e-4)
+
+
+def test_decimal_commas_after_a_long_rest_of_whole_numbers(tmp_path):
+    t, x, i = rows()
+    comma = [f"{v:.4f}".replace(".", ",") for v in np.concatenate([x, i])]
+    rest = "".join(f"{k};0;0\n" for k in range(6000))
+    moving = "".join(f"{6000 + k};{comma[k]};{comma[len(x) + k]}\n" for k in range(len(x)))
+    path = tmp_path / "log.csv"
+    path.write_text("t;x;i\n" + rest + moving)
+    table = read_table(path, described())
+    assert not table.notes and np.allclose(table.columns["x"][6000:], x, atol=1e-4)
+
+
+def test_quoted_decimal_commas(tmp_path):
+    t, x, i = rows()
+    path = tmp_path / "log.csv"
+    path.write_text("t;x;i\n" + "".join('"{:.2f}";"{:.4f}";"{:.4f}"\n'.format(*row).replace(".", ",") for row in zip(t, x, i)))
+    assert np.allclose(read_table(path, described()).columns["x"], x, atol=1e-4)
+
+
+def test_thousands_commas_beside_decimal_points_are_refused(tmp_path):
+    t, x, i = rows()
+    path = tmp_path / "log.csv"
+    path.write_text("t;x;i\n" + "".join(f"{a:.2f};{round(200 * b):,};{c:.4f}\n" for a, b, c in zip(t, x, i)))
+    with pytest.raises(InputError, match=r"column 1, and -?\d,\d{3}', expected decimal points or decimal commas, and no thousands separators"):
+        read_table(path, described())
+
+
+def test_a_version_with_a_point_beside_decimal_commas_is_no_mixture(tmp_path):
+    t, x, i = rows()
+    path = tmp_path / "log.csv"
+    path.write_text("t;x;i;v\n" + "".join("{:.2f};{:.4f};{:.4f};".format(*row).replace(".", ",") + "2.1\n" for row in zip(t, x, i)))
+    assert np.allclose(read_table(path, described()).columns["x"], x, atol=1e-4)
+
+
+def test_what_was_left_out_is_shown_when_a_log_is_looked_at(tmp_path, capsys):
+    t, x, i = rows()
+    path = write(tmp_path / "log.csv", "t [s],x [mm],i [A]", (t, x, i))
+    path.write_text(path.read_text() + "1,2,3,4\n5,6,7\n")
+    assert log_command.main([str(path)]) == 0
+    assert "# 1 lines with another number of fields are left out" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("suffix", ["mat", "mcap"])
+def test_a_damaged_file_is_one_line(tmp_path, suffix):
+    """Each byte in turn: whatever a library says of it, it is an `InputError`, or is read."""
+    path = tmp_path / f"log.{suffix}"
+    if suffix == "mat":
+        savemat(path, {"t": np.arange(50.0), "x": np.sin(np.arange(50.0))}, do_compression=True)
+    else:
+        write_joint_states(path)
+    whole = path.read_bytes()
+    for place in range(0, len(whole), max(len(whole) // 150, 1)):
+        damaged = bytearray(whole)
+        damaged[place] ^= 0x55
+        path.write_bytes(damaged)
+        with contextlib.suppress(InputError):
+            read_table(path, described())
+
+
+def write_joint_states(path):
+    """A bag of joint states with a compressed chunk."""
+    with open(path, "wb") as file:
+        writer = McapWriter(file)
+        schema = writer.register_msgdef("sensor_msgs/msg/JointState", JOINT_STATES)
+        for k in range(50):
+            stamp = {"sec": k, "nanosec": 0}
+            writer.write_message("/joint_states", schema, {"header": {"stamp": stamp, "frame_id": ""}, "name": ["axis"],
+                                                           "position": [0.1 * k], "velocity": [], "effort": []}, log_time=k * 10**9)
+        writer.finish()
+
+
+JOINT_STATES = """std_msgs/Header header
+string[] name
+float64[] position
+float64[] velocity
+float64[] effort
+================================================================================
+MSG: std_msgs/Header
+builtin_interfaces/Time stamp
+string frame_id
+================================================================================
+MSG: builtin_interfaces/Time
+int32 sec
+uint32 nanosec
+"""

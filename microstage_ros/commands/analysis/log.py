@@ -85,7 +85,7 @@ def _look(arguments):
     if table.rows < 2:
         raise InputError(arguments.file, f"{table.rows} row", "at least two rows")
     found = propose(table)
-    odd = oddities(table, found.tree)
+    odd = [*table.notes, *oddities(table, found.tree)]
     text = as_yaml(found, arguments)
     answer.state(
         proposal=found.tree,

@@ -112,7 +112,7 @@ def _judge_records(arguments, machine, store):
                     watch = Watch(store.reference(), arguments.false_alarms)
                     _say_reference(watch)
                 judged += 1
-                health = watch.judge(time, traits)
+                health = watch.judge(time, traits, name)
                 store.add_health(time, name, health)
                 _say_window(name, time, health, alarms)
             bar.advance()
@@ -194,10 +194,11 @@ def _say_window(name, time, health, alarms):
                 "channel": channel,
                 "trait": h.trait,
                 "score": h.score,
-                "record": name,
+                "record": h.record,
                 "since_s": h.since,
             }
-            print(f"ALARM  {channel}: {h.trait}, since {h.since:.1f} s; `microstage diagnose` names the cause")
+            print(f"ALARM  {channel}: {h.trait}, since {h.since:.1f} s of {h.record}; "
+                  "`microstage diagnose` names the cause")
 
 
 def _say_end(judged, alarms, watch):

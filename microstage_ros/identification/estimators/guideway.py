@@ -12,6 +12,11 @@ SHORTEST_HOLD = 0.05  # a load counts as held if it stays for so long [s]
 SLIP_SPEED = 2e-5  # faster than this at the end of a hold [m/s] the guideway slides; slower, it still settles
 
 
+# derived: the last third of a hold has two halves to tell a speed by; a virgin curve is compared from its third point
+LEAST_ROWS, LEAST_LEVELS = 6, 3
+TOO_FEW = f"a load that holds at {LEAST_LEVELS} or more levels before the stage slides, and rises from one to the next"
+
+
 @dataclass(frozen=True)
 class GuidewayRepeat:
     """One repeat of incremental loading.
@@ -41,18 +46,23 @@ def extract_loading(record, axis):
     levels, places, speeds = np.array([_settled(force, position, hold, record.period_s) for hold in holds]).T
     slid = np.flatnonzero(np.abs(speeds) > SLIP_SPEED)
     last = slid[0] if len(slid) else len(levels)
+    if last < LEAST_LEVELS:
+        raise InputError(f"{record.source}: force", f"{last} levels held before it slides", TOO_FEW)
     breakaway = (float(levels[:last].max()), float(levels[last]) if last < len(levels) else np.inf)
     levels, places = levels[:last] - levels[0], places[:last] - places[0]
     highest = np.maximum.accumulate(levels)
     first = np.concatenate([[False], levels[1:] > highest[:-1] + 1e-9])
+    if np.sum(first) < LEAST_LEVELS:
+        raise InputError(f"{record.source}: force", f"{np.sum(first)} rising levels held before it slides", TOO_FEW)
     return GuidewayRepeat(Loading(places[first], levels[first]), _loops(levels, places, highest), breakaway)
 
 
 def _holds(force, period):
-    """(start, stop) of the stretches in which the force does not change."""
+    """(start, stop) of the stretches in which the force does not change, long enough for a speed in their last
+    third."""
     still = np.concatenate([[False], np.abs(np.diff(force)) < 1e-9, [False]])
     edges = np.flatnonzero(np.diff(still.astype(int))).reshape(-1, 2)
-    return [(a, b) for a, b in edges if (b - a) * period >= SHORTEST_HOLD]
+    return [(a, b) for a, b in edges if (b - a) * period >= SHORTEST_HOLD and b - a >= LEAST_ROWS]
 
 
 def _settled(force, position, hold, period):

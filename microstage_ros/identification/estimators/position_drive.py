@@ -28,6 +28,7 @@ MEAN_S = 1e-3  # s, over which errors are averaged: two periods of the shipped s
 # stroke per volt was off by 1.2 times the stated standard error, rms (1.8 with 0.1 s)
 BLOCK_S = 1.0
 LEAST, MOST = 0.05, 20.0        # factors that are tried
+PERIOD_TOLERANCE = 1e-3         # between a record's period and the axis's, as for run files
 TELLS = 1e-9  # least slope of the error over a factor, of the largest one: less is rounding
 DETERMINED_SHARE = 0.5  # a factor is determined by the records if its 95 % interval is no wider than ± this share
 SHOWN = 4000                    # points of the curve
@@ -63,6 +64,10 @@ def identify_position_drive(records, axis):
     if not records:
         raise InputError("records", 0, "at least one record")
     for record in records:
+        if abs(record.period_s / axis.value("period") - 1.0) > PERIOD_TOLERANCE:
+            raise InputError(f"{record.source}: sampling period", f"{record.period_s:g} s",
+                             f"{axis.value('period'):g} s, the control period of {axis.place}: the model answers every "
+                             "command of the record for one period")
         if np.ptp(record[actuator.command.column]) == 0.0:
             raise InputError(f"{record.source}: column {actuator.command.column}", "constant", "a command that changes")
 

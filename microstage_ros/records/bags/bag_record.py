@@ -23,6 +23,7 @@ from microstage_ros.records.bags.bag_reader import Bag
 from microstage_ros.records.bags.bag_writer import BagWriter
 from microstage_ros.records.bags.definition import SEPARATOR, TIME, installed_definition, parse_definition
 from microstage_ros.records.bags.layout import layout_of_type
+from microstage_ros.records.columns import FINE_COLUMNS
 from microstage_ros.records.record import Record, metadata_value
 from microstage_ros.records.timebase import short_period
 
@@ -152,11 +153,16 @@ def record_to_bag(record, path, namespace=NAMESPACE):
 
     Raises
     ------
-    InputError : no voltage, or the place cannot be written.
+    InputError : no voltage, columns that no message holds, or the place cannot be written.
     """
     command = command_of(record.columns)
     if command is None or command is FORCE:
         raise InputError(f"{path}: column voltage_V", "missing", "a record of voltages; forces go into a .csv file")
+    lost = [name for name in FINE_COLUMNS if name in record]
+    lost += [each.column for each in COMMANDS if each is not command and each.column in record]
+    if lost:
+        raise InputError(f"{path}: column {lost[0]}", "in the record", "columns that a bag has messages for; "
+                         "write the record into a .csv file")
     if command is not VOLTAGE:         # the messages' fields keep their names, the metadata says what they hold
         renamed = {command.column: VOLTAGE.column, command.disturbance: VOLTAGE.disturbance}
         record = Record(
@@ -168,13 +174,14 @@ def record_to_bag(record, path, namespace=NAMESPACE):
     topics = [topic for topic in FIELDS if topic in ("state", "command") or _any(record, topic)]
     custom_data = {name: value if isinstance(value, str) else json.dumps(value, default=str)
                    for name, value in record.metadata.items()}
+    origin = min(float(record["t_s"][0]), 0.0)   # stamps are not negative, and a reader counts from the first row
     with BagWriter(path, custom_data) as bag:
         channels = {topic: bag.add_channel(f"{namespace.rstrip('/')}/{topic}", own_definition(FIELDS[topic][0]))
                     for topic in topics}
         layouts = {topic: layout_of_type(own_definition(FIELDS[topic][0])) for topic in topics}
         for start in range(0, len(record), ROWS_AT_ONCE):
             rows = np.arange(start, min(start + ROWS_AT_ONCE, len(record)))
-            times = np.round(record["t_s"][rows] * 1e9).astype(np.int64)
+            times = np.round((record["t_s"][rows] - origin) * 1e9).astype(np.int64)
             for topic in topics:
                 bag.write_block(channels[topic], times, _messages(record, topic, layouts[topic], rows, times))
 

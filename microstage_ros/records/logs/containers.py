@@ -16,7 +16,6 @@ def read_mat(path):
     Raises InputError for version 7.3 (HDF5), which scipy does not read, and for files without vectors.
     """
     from scipy.io import loadmat
-    from scipy.io.matlab import MatReadError
 
     try:
         raw = loadmat(path, squeeze_me=True, struct_as_record=False)
@@ -24,7 +23,7 @@ def read_mat(path):
         raise InputError(
             path, "a MATLAB file of version 7.3", "save it with `save(name, '-v7')`, or export CSV"
         ) from None
-    except (OSError, ValueError, TypeError, MatReadError) as error:
+    except Exception as error:  # noqa: BLE001 - of a damaged file the library raises what comes
         raise InputError(path, " ".join(str(error).split())[:80], "a MATLAB file") from None
     vectors = {}
     for name, value in raw.items():
@@ -69,25 +68,28 @@ def read_mcap(path, topic=""):
     ------
     InputError : a file that cannot be read, no such topic, or none of its messages.
     """
-    from mcap.exceptions import McapError
+    try:
+        return _mcap(path, topic)
+    except InputError:
+        raise
+    except OSError as error:
+        raise InputError(path, error.strerror, "a file that can be read") from None
+    except Exception as error:  # noqa: BLE001 - of a damaged file the libraries raise what comes
+        raise InputError(path, " ".join(str(error).split())[:80], "an MCAP bag of ROS 2 messages") from None
+
+
+def _mcap(path, topic):
     from mcap.reader import make_reader
     from mcap_ros2.decoder import DecoderFactory
 
-    try:
-        with open(path, "rb") as file:
-            raw = file.read()
-        reader = make_reader(io.BytesIO(raw), decoder_factories=[DecoderFactory()])
-        counts, kinds = _contents(reader)
-        chosen = topic or _best_topic(counts, kinds)
-        if chosen not in counts:
-            raise InputError(f"{path}: topic", chosen, "one of " + ", ".join(sorted(counts)))
-        rows = [(message.log_time, decoded) for _, _, message, decoded in reader.iter_decoded_messages(topics=[chosen])]
-    except OSError as error:
-        raise InputError(path, error.strerror, "a file that can be read") from None
-    except (McapError, AttributeError, ValueError) as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError(path, " ".join(str(error).split())[:80], "an MCAP bag of ROS 2 messages") from None
+    with open(path, "rb") as file:
+        raw = file.read()
+    reader = make_reader(io.BytesIO(raw), decoder_factories=[DecoderFactory()])
+    counts, kinds = _contents(reader)
+    chosen = topic or _best_topic(counts, kinds)
+    if chosen not in counts:
+        raise InputError(f"{path}: topic", chosen, "one of " + ", ".join(sorted(counts)))
+    rows = [(message.log_time, decoded) for _, _, message, decoded in reader.iter_decoded_messages(topics=[chosen])]
     if not rows:
         raise InputError(f"{path}: {chosen}", "no messages", "a topic with messages")
     return _messages(rows, chosen, kinds.get(chosen, ""))

@@ -18,6 +18,7 @@ from microstage_ros.records.logs.units import known_unit
 
 LOOK = 400                     # lines that are looked at to learn a file's form
 DECIMAL_COMMA = re.compile(r"^[+-]?\d+,\d+(?:[eE][+-]?\d+)?$")
+POINT = re.compile(r"^[+-]?\d*\.\d+(?:[eE][+-]?\d+)?$")
 RATE = re.compile(r"_([a-zµ]+)_s$")        # a unit per second at the end of a name: stage_velocity_m_s
 NAME_WITH_UNIT = re.compile(r"^(.*?)\s*[\[(]\s*([^\])]+?)\s*[\])]\s*$")
 
@@ -189,9 +190,10 @@ def _columns(text, body_line, width, separator, path):
     if separator == " ":
         body = re.sub(r"[ \t]+", " ", body)
         body = "\n".join(line.strip() for line in body.split("\n"))
-    sample = body[:20_000]
-    if separator != "," and re.search(r"(?:^|[\n\t; ])[+-]?\d+,\d+", sample):
+    if separator != "," and (comma := re.search(r"(?:^|[\n\t; \"])([+-]?\d+,\d+)", body)):
+        _refuse_points(body, width, separator, comma[1], path)
         body = re.sub(r"(\d),(\d)", r"\1.\2", body)
+    body = _even(body, width, separator, notes)
     polars = polars_or_none()
     columns, no_number = None, {}
     if polars is not None:
@@ -201,6 +203,31 @@ def _columns(text, body_line, width, separator, path):
     if not len(columns) or not len(columns[0]):
         raise InputError(path, "no rows", "rows of numbers")
     return columns, notes, no_number
+
+
+def _refuse_points(body, width, separator, comma, path):
+    """InputError if a column holds numbers with decimal points where ``comma`` has a comma: one of the two separates
+    thousands, and nobody knows which."""
+    for k in range(width):
+        points = {}
+        for line in body[: 400 * LOOK].split("\n")[:LOOK]:
+            fields = fields_of(line, separator)
+            if len(fields) == width and POINT.match(fields[k]):
+                points[fields[k]] = None
+        if len(points) > 1:   # one alone may be a version
+            raise InputError(path, f"{next(iter(points))} in column {k + 1}, and {comma}",
+                             "decimal points or decimal commas, and no thousands separators")
+
+
+def _even(body, width, separator, notes):
+    """The body without lines of another number of fields, whose numbers may stand in wrong columns; a note on these."""
+    if body.count(separator) == body.count("\n") * (width - 1) and '"' not in body:
+        return body
+    lines = [line for line in body.split("\n") if line.strip() and not line.startswith("#")]
+    whole = [line for line in lines if len(fields_of(line, separator)) == width]
+    if len(whole) < len(lines):
+        notes.append(f"{len(lines) - len(whole)} lines with another number of fields are left out")
+    return "\n".join(whole) + "\n"
 
 
 def _without_cut_line(body, width, separator):
@@ -216,7 +243,7 @@ def _by_polars(polars, body, width, separator, notes, no_number):
     names = [str(k) for k in range(width)]
     try:
         table = polars.read_csv(io.BytesIO(body.encode()), has_header=False, separator=separator, infer_schema=False,
-                                new_columns=names, truncate_ragged_lines=True, ignore_errors=True)
+                                new_columns=names, ignore_errors=True)
     except polars.exceptions.PolarsError:
         return None
     if table.width != width:
@@ -238,12 +265,8 @@ def _by_polars(polars, body, width, separator, notes, no_number):
 
 
 def _by_hand(body, width, separator, notes, no_number):
-    rows = [fields_of(line, separator) for line in body.split("\n") if line.strip() and not line.startswith("#")]
-    whole = [row for row in rows if len(row) == width]
-    if len(whole) < len(rows):
-        notes.append(f"{len(rows) - len(whole)} lines with another number of fields are left out")
     columns = []
-    for k, texts in enumerate(zip(*whole)):
+    for k, texts in enumerate(zip(*(fields_of(line, separator) for line in body.split("\n") if line))):
         values = [number_of(t) if t else np.nan for t in texts]
         bad = sum(v is None for v in values)
         if bad and bad <= 0.5 * len(texts):
