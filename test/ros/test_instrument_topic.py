@@ -44,10 +44,11 @@ def _publish(node, readings, air=None):
     return found
 
 
-@pytest.mark.parametrize("corrected", [True, False])
-def test_readings_of_an_instrument_are_corrected_and_stamped(corrected):
+@pytest.mark.parametrize("corrected, temperature", [(True, None), (False, 293.15), (False, 20.0)])
+def test_readings_of_an_instrument_are_corrected_and_stamped(corrected, temperature):
+    """The air's temperature in kelvin, or in °C, as a sensor's node has it."""
     settings = ["-p", "instrument_scale:=-1.0", "-p", f"air_compensated:={str(corrected).lower()}", "-p", "dead_path:=0.1"]
-    air = None if corrected else {"temperature": 293.15, "fluid_pressure": 101325.0, "relative_humidity": 0.5}
+    air = None if corrected else {"temperature": temperature, "fluid_pressure": 101325.0, "relative_humidity": 0.5}
     with ros_node() as node:
         process = subprocess.Popen(NODE + settings + ([] if corrected else ["-p", "air:=topics"]))
         try:
@@ -61,7 +62,7 @@ def test_readings_of_an_instrument_are_corrected_and_stamped(corrected):
         # the air is what it was at zero: position = −scale · reading, whatever the index
         assert message.position == pytest.approx(-[1e-3, 2e-3, 3e-3][n % 3], abs=1e-12)
         assert message.expanded_uncertainty >= 40e-9
-        assert math.isnan(message.air_temperature) == corrected
+        assert math.isnan(message.air_temperature) if corrected else message.air_temperature == pytest.approx(293.15)
     assert corrected or refractive_index(Air(293.15, 101325.0, 0.5)) > 1.0002
 
 

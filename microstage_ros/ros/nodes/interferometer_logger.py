@@ -14,7 +14,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import FluidPressure, RelativeHumidity, Temperature
 
 from microstage_ros.metrology.interferometer import Interferometer, budget, correct
-from microstage_ros.metrology.refractive_index import Air, refractive_index
+from microstage_ros.metrology.refractive_index import ZERO_CELSIUS, Air, refractive_index
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.ros.launching.parameters import Parameters
 from microstage_ros.ros.launching.process import run_node
@@ -24,6 +24,11 @@ from microstage_ros.ros.transport import topics
 from microstage_ros.ros.transport.blocks import Outlet
 from microstage_ros.ros.transport.codec import Codec, stamps_ns
 from microstage_ros.ros.transport.servo_path import make_servo_path
+
+
+KELVIN_FROM = 150.0
+"""A temperature from here on is in kelvin, as `axis_driver` publishes it; below, in °C, as ``sensor_msgs/Temperature``
+is defined. The index of air is known from −40 to 100 °C, 233 to 373 K."""
 
 
 class InterferometerLogger(Node):
@@ -72,7 +77,10 @@ class InterferometerLogger(Node):
                 )
 
     def _measure(self, field, message):
-        self._measured[field] = getattr(message, field)
+        value = getattr(message, field)
+        if field == "temperature" and value < KELVIN_FROM:
+            value += ZERO_CELSIUS
+        self._measured[field] = value
 
     def _take(self, seen):
         air = Air(*(seen[name] for name in ("air_temperature", "air_pressure", "air_humidity")))
