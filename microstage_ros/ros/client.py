@@ -226,7 +226,9 @@ class AxisClient:
             elif cancel is not None and cancel():
                 cancelled = RepeatedCall(handle.cancel_goal_async, ASK_AGAIN)
             if time.monotonic() > end:
-                raise NoAnswer(f"{self._prefix}: no result within {wait:.0f} s")
+                handle.cancel_goal_async()  # nobody waits for this motion any more
+                rclpy.spin_once(self.node, timeout_sec=0.1)
+                raise NoAnswer(f"{self._prefix}: no result within {wait:.0f} s; the move was cancelled")
         answer = result.result()
         if answer.status == GoalStatus.STATUS_UNKNOWN:  # what it holds is no result
             raise NoAnswer(f"{self._prefix}: the move server does not know this move any more")

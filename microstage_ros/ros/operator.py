@@ -5,6 +5,7 @@
         axis.stop()
 """
 
+import math
 import time
 
 import rclpy
@@ -15,8 +16,11 @@ from std_srvs.srv import Trigger
 
 from microstage_ros.ros.client import NoAnswer, live_axes, no_axis, patience
 from microstage_ros.ros.transport import topics
+from microstage_ros.ros.transport.calls import RepeatedCall
 
 ASK_AGAIN = 0.5
+ASKED_ONCE = (Jog,)
+"""A second one, where the answer to the first was lost, would go on from where the axis is by then."""
 WAIT_S = 3.0
 """Longest wait for each answer, where the caller says nothing else [s]."""
 FOUND_S = 12.0
@@ -66,14 +70,12 @@ class Operator:
             rclpy.spin_once(self.node, timeout_sec=0.01)
             if time.monotonic() > end or (time.monotonic() > sought and here not in live_axes(self.node)):
                 raise NoAnswer(no_axis(here, self.node))
-        end = time.monotonic() + self._wait
-        while True:
-            asked, answer = time.monotonic(), client.call_async(request)
-            while not answer.done() and time.monotonic() < asked + ASK_AGAIN:
-                self._turn(end, f"{self._prefix}{name}: no answer within {self._wait:g} s")
-            if answer.done():
-                self.took = time.monotonic() - asked
-                return answer.result()
+        began = time.monotonic()
+        answer = RepeatedCall(lambda: client.call_async(request), math.inf if kind in ASKED_ONCE else ASK_AGAIN)
+        while not answer.done():
+            self._turn(began + self._wait, f"{self._prefix}{name}: no answer within {self._wait:g} s")
+        self.took = time.monotonic() - began
+        return answer.result()
 
     def _turn(self, end, complaint):
         if time.monotonic() > end:

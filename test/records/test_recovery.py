@@ -1,12 +1,14 @@
 """Bags that were cut off or damaged: made whole, opened by other tools, and what was lost is told."""
 
+import fcntl
+
 import pytest
 from bag_help import SERVO, servo_rows
 from mcap.reader import make_reader
 from rosbags.rosbag2 import Reader
 
 from microstage_ros.quantities.errors import InputError
-from microstage_ros.records.bags.bag_reader import Bag
+from microstage_ros.records.bags.bag_reader import Bag, read_bag
 from microstage_ros.records.bags.bag_writer import BagWriter
 from microstage_ros.records.bags.mcap_source import McapSource
 from microstage_ros.records.bags.recovery import DAMAGED, recover
@@ -23,6 +25,8 @@ def written(path, count=4000, close=True, **options):
         bag.hand_over()
     if close:
         bag.close()
+    else:
+        fcntl.flock(bag._sink._file.fileno(), fcntl.LOCK_UN)  # as the death of a recorder does
     return bag
 
 
@@ -94,3 +98,18 @@ def test_a_bag_is_split_and_bounded(tmp_path):
     few = written(tmp_path / "few", split_bytes=20_000, keep_files=2)
     left = sorted(few.folder.glob("*.mcap"))
     assert len(left) == 2 and left[-1] == few.file and 0 < opened_by_others(few.folder) < 4000
+
+
+def test_a_bag_that_is_being_recorded_is_left_alone(tmp_path):
+    """Its file was moved away from the recorder, which went on to write into the damaged one; reading it suggested so."""
+    rows, _, times = servo_rows(3000)
+    bag = BagWriter(tmp_path / "live")
+    servo = bag.add_channel("/axis/servo", SERVO)
+    bag.write_block(servo, times[:1000], rows[:1000])
+    bag.flush()
+    assert "is being recorded" in Bag(tmp_path / "live").remarks[0] and "recover" not in Bag(tmp_path / "live").remarks[0]
+    with pytest.raises(InputError, match="live_0.mcap: got 'being recorded', expected a bag whose recorder has ended"):
+        recover(tmp_path / "live")
+    bag.write_block(servo, times[1000:], rows[1000:])
+    bag.close()
+    assert len(read_bag(tmp_path / "live")["/axis/servo"]) == 3000 and [one.whole for one in recover(tmp_path / "live")] == [True]

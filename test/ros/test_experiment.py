@@ -121,7 +121,8 @@ class Service:
 
     def call_async(self, request):
         self.asked.append(len(request.positions))
-        answer = types.SimpleNamespace(accepted=self._accepted or not request.positions, rest_sequence=10**9, message="no")
+        answer = types.SimpleNamespace(accepted=self._accepted or not request.positions, start_sequence=10**8, rest_sequence=10**9,
+                                       message="no")
         return types.SimpleNamespace(done=lambda: True, result=lambda: answer)
 
 
@@ -142,6 +143,43 @@ def test_an_axis_that_was_stopped_is_not_taken_for_none(monkeypatch, publishers,
                                  count_publishers=lambda _: publishers)
     with pytest.raises(CellFailure, match=says):
         command._Player(node, types.SimpleNamespace(check=lambda: None), 1e-3).meet("/axis")
+
+
+@pytest.mark.parametrize("place", [3e-6, None])
+def test_a_program_that_another_ends_is_not_said_to_be_made(monkeypatch, place):
+    """After an operator's hold the controller goes on to publish states: the record was said to hold the whole program."""
+    sequence = [0]
+
+    class Controller:
+        """Plays what it is asked; ``place``: where somebody holds it, a tenth of a second into the program."""
+
+        def __init__(self):
+            self.plans = []
+
+        def service_is_ready(self):
+            return True
+
+        def call_async(self, request):
+            self.plans.append((sequence[0], list(request.positions)))
+            answer = types.SimpleNamespace(accepted=True, start_sequence=sequence[0], rest_sequence=sequence[0] + len(request.positions))
+            return types.SimpleNamespace(done=lambda: True, result=lambda: answer)
+
+    def turn(*_, **__):
+        sequence[0] += 10
+        start, positions = service.plans[-1]
+        reference = positions[min(sequence[0] - start, len(positions) - 1)]
+        held = place is not None and len(service.plans) == 2 and sequence[0] - start > 150
+        player._hear(types.SimpleNamespace(reference=place if held else reference, sequence=sequence[0]))
+
+    service = Controller()
+    player = player_of(service)
+    monkeypatch.setattr(rclpy, "spin_once", turn)
+    if place is None:
+        player.play(np.linspace(0.0, 1e-5, 1000))
+        return
+    with pytest.raises(CellFailure, match="the program was ended by another .* the reference is at 3e-06 m where the program has"):
+        player.play(np.linspace(0.0, 1e-5, 1000))
+    assert len(service.plans) == 2  # what plays now is another's: it is not stopped
 
 
 @pytest.mark.parametrize("end", ["signal", "recorder", "refusal"])

@@ -30,6 +30,7 @@ STOP_ANSWER = 2.0  # longest wait for the answer to a stop, where the program do
 STOP_AGAIN = 0.2  # a stop that is not answered is asked for again after so long [s]
 LOOK = 0.1  # from one look into a bag that grows to the next [s]
 OTHERS = 5.0  # longest wait for a topic that a record can do without, whose publisher may be silent [s]
+SAME = 1e-9  # m, between the reference that a state tells and the one that was sent
 LONGEST = 120.0  # seconds of program: one request carries all its positions
 
 
@@ -328,11 +329,21 @@ class _Player:
         if not answer.result().accepted:
             self._sent = False  # what plays, if anything, is another's
             raise CellFailure(f"the controller refused the reference: {answer.result().message}")
-        return answer.result().rest_sequence
+        return answer.result()
 
-    def _wait(self, sequence):
-        while self._state is None or self._state.sequence < sequence:
+    def _drive(self, positions):
+        """Have ``positions`` [m] played, and wait until they have been. Raises CellFailure where somebody else's
+        reference, or a hold, takes their place."""
+        from microstage_ros.ros.launching.cell_processes import CellFailure
+
+        plan = self._ask(positions)
+        while self._state is None or self._state.sequence < plan.rest_sequence:
             self.turn()
+            n = self._state.sequence - plan.start_sequence
+            if 0 <= n < len(positions) and abs(self._state.reference - positions[n]) > SAME:
+                self._sent = False  # what plays now, if anything, is another's
+                raise CellFailure(f"the program was ended by another (a hold, a move, a stop): the reference is at "
+                                  f"{self._state.reference:g} m where the program has {positions[n]:g} m")
 
     def play(self, reference):
         """From where the reference stands to the program's first place, rest, then the program [m]."""
@@ -343,8 +354,8 @@ class _Player:
         first = float(reference[0])
         rest = np.full(int(LEAD_IN / self._period), first)
         try:
-            self._wait(self._ask(jerk_limited_move(self._state.reference, first, self._period)))
-            self._wait(self._ask(np.concatenate([rest, reference])))
+            self._drive(jerk_limited_move(self._state.reference, first, self._period))
+            self._drive(np.concatenate([rest, reference]))
         except BaseException:
             if self._sent:
                 self._stop()

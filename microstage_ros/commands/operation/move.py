@@ -12,6 +12,7 @@ from microstage_ros.files import unreadable
 from microstage_ros.quantities.errors import InputError
 
 PHASES = {1: "moving", 2: "settling", 3: "stopping"}
+WAIT_S = 600.0  # longest wait for a result, unless the move itself may take longer [s]
 
 
 def main(argv=None):
@@ -108,7 +109,7 @@ def _run(arguments, targets):
         rclpy.try_shutdown()
     answer.state(moves=results)
     if status and len(targets) > 1:
-        print(f"{len(results) - 1 if results else 0} of {len(targets)} moves were made", file=sys.stderr)
+        print(f"{sum(each['reached'] for each in results)} of {len(targets)} moves were made", file=sys.stderr)
     return status
 
 
@@ -122,7 +123,8 @@ def _move(axis, place, arguments, results, several):
     from microstage_msgs.action import MoveTo
 
     result = axis.move(
-        place, tell_feedback, tolerance=arguments.tolerance, timeout=arguments.timeout, max_velocity=arguments.speed
+        place, tell_feedback, wait=max(WAIT_S, 2.0 * arguments.timeout), tolerance=arguments.tolerance,
+        timeout=arguments.timeout, max_velocity=arguments.speed
     )
     if sys.stderr.isatty():
         print("\r\033[K", end="", file=sys.stderr)

@@ -22,6 +22,7 @@ from microstage_ros.records.bags.bag_metadata import CUSTOM_DATA
 from microstage_ros.records.bags.chunk import HEAD_BYTES, HEAD_DTYPE, LENGTH_BEFORE_PAYLOAD
 from microstage_ros.records.bags.definition import installed_definition, parse_definition, service_event_text
 from microstage_ros.records.bags.layout import NoFixedLayout, layout_of_message, layout_of_type
+from microstage_ros.records.bags.mcap_sink import is_being_written
 from microstage_ros.records.bags.mcap_source import ChunkPlace, McapSource
 from microstage_ros.records.bags.variable import decode_messages
 
@@ -105,6 +106,8 @@ class Bag:
         if not self.cut_off:
             return ()
         length = (self.end_ns - self.start_ns) * 1e-9 if self.start_ns is not None else 0.0
+        if any(is_being_written(source.path) for source in self.sources):
+            return (f"{self.path}: is being recorded; read are the first {length:.4g} s",)
         return (f"{self.path}: cut off after {length:.4g} s; `microstage recover {self.path}` makes it whole",)
 
     def read(self, topics=None, start=None, end=None):

@@ -8,12 +8,14 @@ file gets its closing part (if need be in the place of a whole chunk more), and 
 """
 
 import errno
+import fcntl
 import io
 import queue
 import struct
 import threading
 import zlib
 from collections import Counter
+from contextlib import suppress
 
 import lz4.frame
 import zstandard
@@ -69,6 +71,7 @@ class McapSink:
         self.failure = None
         self._compress = COMPRESSORS[compression]()
         self._file = file
+        _hold(file)
         self._place = 0
         self._chunks, self._metadata = ChunkLog(), []
         self._schemas, self._channels = [], []
@@ -253,3 +256,19 @@ def open_file(path):
         return io.FileIO(path, "w+")
     except OSError as error:
         raise InputError(path, error.strerror, "a place that can be written") from None
+
+
+def _hold(file):
+    """Let others know that ``file`` is being written, until it is closed or its process ends (`is_being_written`)."""
+    with suppress(OSError, AttributeError, io.UnsupportedOperation):  # of a file system without locks
+        fcntl.flock(file.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+def is_being_written(path):
+    """Whether a recorder has the bag's file ``path`` open."""
+    with suppress(OSError), open(path, "rb") as file:
+        try:
+            fcntl.flock(file.fileno(), fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return True
+    return False

@@ -22,7 +22,7 @@ from microstage_ros.records.bags.bag_metadata import (
     metadata_of,
     metadata_of_files,
 )
-from microstage_ros.records.bags.mcap_sink import McapSink, open_file
+from microstage_ros.records.bags.mcap_sink import McapSink, is_being_written, open_file
 from microstage_ros.records.bags.mcap_source import LARGEST_CHUNK, McapSource
 
 DAMAGED = ".damaged"
@@ -123,7 +123,7 @@ def recover(path):
 
     Raises
     ------
-    InputError : no bag.
+    InputError : no bag, or one that is being recorded.
     """
     path = Path(path)
     if not path.exists():
@@ -131,6 +131,9 @@ def recover(path):
     files = sorted(path.glob("*.mcap"), key=_number) if path.is_dir() else [path]
     if not files:
         raise InputError(path, "no .mcap file in it", "an MCAP file or a rosbag2 folder")
+    for file in files:
+        if is_being_written(file):
+            raise InputError(file, "being recorded", "a bag whose recorder has ended")
     done, parts = [], []
     for file in files:
         found, part = _recover_file(file)

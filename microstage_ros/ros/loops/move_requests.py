@@ -7,6 +7,7 @@ from microstage_msgs.action import MoveTo
 from microstage_msgs.srv import FollowReference, Jog
 from std_srvs.srv import Trigger
 
+from microstage_ros.control.trajectories.profiles import MotionLimits, move_duration
 from microstage_ros.ros.loops.move_state import MoveState
 from microstage_ros.ros.transport import topics
 
@@ -52,9 +53,13 @@ class MoveRequests(MoveState):
         return response
 
     def _serve_home(self, request, response):
-        why = self._why_not()
-        if not why:
-            self._move_aside(MoveTo.Goal(target=0.0))
+        why, status, latest = self._why_not(), self._status, self._latest
+        if status is not None and not why and not status.minimum <= 0.0 <= status.maximum:
+            why = f"0 m is out of the travel, {status.minimum} to {status.maximum} m"
+        if latest is not None and not why:
+            p = self.parameters
+            takes = move_duration(latest[2], MotionLimits(p.max_velocity, p.max_acceleration, p.max_jerk))
+            self._move_aside(MoveTo.Goal(target=0.0, timeout=2.0 * takes + SETTLED_AFTER_S))
         response.success, response.message = not why, why or "on the way to 0 m"
         return response
 

@@ -14,6 +14,9 @@ INTERFEROMETER_WAIT = 2.0
 PACED_WAIT = 0.4
 """The same where time is the wall clock's."""
 
+UNNUMBERED = 0
+"""Of readings of an instrument of its own (`instrument_topic`), which knows no control periods."""
+
 MOST_RESULTS = 10_000
 """Statistics are of so many moves, the newest: a move every second for three hours."""
 
@@ -111,8 +114,9 @@ class MoveResults(MoveState):
                               result.settling_time)
 
     def _interferometer_error(self, move):
-        """Mean of interferometer - target over the settle time [m]; NaN without an interferometer."""
-        if not self._interferometer.publishers:
+        """Mean of interferometer - target over the settle time [m]; NaN without an interferometer, and with one whose
+        readings have no control periods."""
+        if not self._interferometer.publishers or self._readings.latest == UNNUMBERED:
             return math.nan
         first, last = move.window
         lockstep = self._status is not None and self._status.lockstep

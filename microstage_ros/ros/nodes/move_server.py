@@ -34,6 +34,7 @@ from microstage_ros.ros.transport.servo_path import RCLError
 WAIT = 0.05
 LOOK = 0.5
 FEEDBACK = 0.1
+TURN = 0.01  # s, between two looks of a goal that waits for the move under way
 STATUS_WAIT = 0.5
 
 NEEDED = ("axis_driver", "str_controller")
@@ -184,14 +185,17 @@ class MoveServer(MoveCalls, MoveRequests, MoveResults):
             with self._changed:
                 self._newest_goal = max(self._newest_goal, mine)
                 self._changed.notify_all()
-            with self._turn:  # the move under way sees the newer goal, stops and gives the turn away
-                if self._newest_goal > mine:
-                    raise Refused(RESULT.CODE_SUPERSEDED, "a newer goal came before this one began")
+            self._take_turn(mine)  # the move under way sees the newer goal, stops and gives the turn away
+            try:
                 move = self._begin(request)
                 self._watch(move, mine, cancelled, feedback)
+            finally:
+                self._turn.release()
             self._fill(result, move)
         except Refused as refusal:
             result.code, result.message = refusal.code, str(refusal)
+            if move is not None and refusal.code == RESULT.CODE_FAULT:  # the axis may be well, and only not heard
+                self._follow.call_async(FollowReference.Request())      # stop and hold
         except InputError as error:
             result.code, result.message = RESULT.CODE_REFUSED, str(error)
         except Exception as error:      # noqa: BLE001 - left to rclpy it would be a result whose code says "reached"
@@ -202,6 +206,16 @@ class MoveServer(MoveCalls, MoveRequests, MoveResults):
             with self._changed:
                 move.done = True
         return result
+
+    def _take_turn(self, mine):
+        """Wait for the move under way to end, and no longer than there is a newer goal: a thread of the executor that
+        waits takes no answer of the controller. Raises `Refused`."""
+        while not self._turn.acquire(timeout=TURN):
+            if self._newest_goal > mine:
+                raise Refused(RESULT.CODE_SUPERSEDED, "a newer goal came before this one began")
+        if self._newest_goal > mine:
+            self._turn.release()
+            raise Refused(RESULT.CODE_SUPERSEDED, "a newer goal came before this one began")
 
     def _check(self, request):
         with self._changed:  # a driver that was activated a moment ago may not have been heard yet
