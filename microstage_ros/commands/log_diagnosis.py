@@ -52,8 +52,8 @@ def main(argv):
         if not pathlib.Path(path).exists():
             raise missing(path, "a log: .csv, .txt, .mat, .mcap, plain or .gz, .xz")
     refuse_given_twice(NOW=arguments.records, baseline=arguments.baseline)
-    name = "trend.json" if arguments.over_time else "report.json"
-    keep_earlier("--out", [pathlib.Path(arguments.out) / name], arguments.force)
+    names = ("trend.json", "report.json") if arguments.over_time else ("report.json",)
+    keep_earlier("--out", [pathlib.Path(arguments.out) / name for name in names], arguments.force)
     with progress("reading", len(arguments.baseline) + len(arguments.records)) as bar:
         logs = []
         for path in (*arguments.baseline, *arguments.records):

@@ -93,6 +93,8 @@ def plain(value):
 
 def write_answer(outcome, machine, folder, provenance):
     """Write every file of the answer into ``folder`` (`pathlib.Path`); ``outcome``: `Outcome`."""
+    for name in ("axis.yaml", "frequency_response.csv"):  # of an earlier run, which was refused later than this one
+        (folder / name).unlink(missing_ok=True)
     if outcome.axis is not None:
         outcome.axis.save(folder / "axis.yaml", {"version": __version__, "command": "commission", **provenance})
     if outcome.responses:
@@ -112,7 +114,7 @@ def page(outcome, machine, provenance):
     )
     what = {"ready": "Ready.", "refused": "Refused.", "stopped": "Stopped before the end."}[outcome.verdict]
     said = f"{what} {outcome.says.rstrip('.')}."
-    made.verdict(said, TONE[outcome.verdict], f"The machine is at zero {machine.command.quantity}.")
+    made.verdict(said, TONE[outcome.verdict], safe_words(machine))
     if outcome.moves:
         made.key_figures(
             [
@@ -173,7 +175,7 @@ def page(outcome, machine, provenance):
                     _signed(row["bias_m"]),
                     f"{row['four_s_m'] * 1e9:.2f}",
                     "{:.2f} to {:.2f}".format(*(1e9 * v for v in row["four_s_interval_m"])),
-                    f"{row['settling_s'] * 1e3:.0f}",
+                    settling_words(row["settling_s"]),
                     _signed(row["reversal_m"]),
                     f"{row['bidirectional_m'] * 1e9:.2f}",
                 )
@@ -181,7 +183,8 @@ def page(outcome, machine, provenance):
             ],
             "Bias, 4s and settling of the approaches in the positive direction, reversal and both sides with five more"
             " from above (ISO 230-2); errors by the encoder, mean over the last 0.1 s at rest. Settling: from the end"
-            " of the reference until the encoder stays within two counts, 50 nm at least; 0: it never left them.",
+            " of the reference until the encoder stays within two counts, 50 nm at least; 0: it never left them;"
+            " –: half of the moves did not settle.",
         )
         made.text(
             "ISO 230-2 over these targets: "
@@ -194,8 +197,8 @@ def page(outcome, machine, provenance):
     made.section("What was used")
     used = machine.used
     made.text(
-        f"{machine.time:.0f} s of machine time; encoder from {used['travel_min_m'] * 1e3:.4g} to"
-        f" {used['travel_max_m'] * 1e3:.4g} mm; at most {machine.most_command:.3g} {machine.command.unit}."
+        f"{machine.time:.0f} s of machine time; {_read(used)}; at most {machine.most_command:.3g}"
+        f" {machine.command.unit}."
     )
     if machine.instruments:
         made.text(
@@ -207,6 +210,27 @@ def page(outcome, machine, provenance):
         made.list(outcome.remarks)
     made.note("Signed: ______________________   Date: ______________")
     return made
+
+
+def _read(used):
+    """What the encoder read, in words."""
+    low, high = used["travel_min_m"], used["travel_max_m"]
+    if not math.isfinite(low):
+        return "the encoder gave no number"
+    return f"encoder from {low * 1e3:.4g} to {high * 1e3:.4g} mm"
+
+
+def settling_words(seconds):
+    """A settling time, ``seconds`` [s], in ms; a dash where it is none."""
+    return f"{seconds * 1e3:.0f}" if math.isfinite(seconds) else "–"
+
+
+def safe_words(machine):
+    """Whether the last write of zero to a ``machine``, `Machine`, was taken, in words."""
+    if machine.zeroed:
+        return f"The machine is at zero {machine.command.quantity}."
+    return (f"Zero {machine.command.quantity} is NOT confirmed: the hardware did not take it. Switch the drive's power "
+            "off before anybody touches the machine.")
 
 
 def _signed(value):

@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 from microstage_ros.commands.operation.experiment import reference_of
-from microstage_ros.control.runs.run_file import Run, load_run
+from microstage_ros.control.runs.run_file import Run, load_run, run_from_dict
 from microstage_ros.control.runs.simulate import simulate
 from microstage_ros.diagnosis.report.answer import write_answer
 from microstage_ros.diagnosis.report.experiment import WHY, separating_run
@@ -28,6 +28,7 @@ from microstage_ros.diagnosis.result import (
 )
 from microstage_ros.model.axis_file import load_axis
 from microstage_ros.model.effects import REGISTRY
+from microstage_ros.model.top_speed import top_speed
 from microstage_ros.places import config_file
 from microstage_ros.quantities.errors import InputError
 from test.diagnosis.emps import ROOT
@@ -143,3 +144,23 @@ def test_a_picture_is_called_by_its_cause_once(diagnosis, axis, tmp_path):
     write_answer(dataclasses.replace(diagnosis, pictures=(gap,)), axis, tmp_path / "out", SOURCES)
     page = (tmp_path / "out" / "report.html").read_text()
     assert "<figcaption>Lost motion at reversal: stage against motor</figcaption>" in page and "backlash: stage" not in page
+
+
+@pytest.mark.parametrize("half, count", [(7.5e-3, 5e-6), (15e-3, 1e-5), (1e-3, 1e-6), (5e-2, 25e-9), (1e-1, 25e-9)])
+@pytest.mark.parametrize("way", WHY)
+def test_an_experiment_fits_any_travel_and_leaves_the_drive_room(way, half, count):
+    """A coarse encoder's amplitudes went beyond the travel, and a long axis's speeds to the voltage limit."""
+    axis = load_axis(config_file("axis.yaml")).with_values(
+        {"travel.minimum": -half, "travel.maximum": half, "sensors.encoder.resolution": count, "period": 1e-3}, source="estimate")
+    ids = sorted(name for name, effect in REGISTRY.items() if effect.separated_by == way)
+    run = run_from_dict(separating_run(ids, axis), "separate_1.yaml")
+    reference = reference_of(run, axis)
+    assert np.abs(np.diff(reference)).max() / 1e-3 < 0.5 * top_speed(axis) and np.abs(reference).max() <= half
+
+
+def test_effects_of_the_axis_file_are_said_not_to_be_compared(diagnosis, axis, tmp_path):
+    report = write_answer(diagnosis, axis, tmp_path / "bare", SOURCES)
+    assert not any("effects of the axis file" in note for note in report["notes"])
+    worn = axis.with_effects({"backlash": {"width_rad": 0.01}})
+    report = write_answer(diagnosis, worn, tmp_path / "worn", SOURCES)
+    assert any(note.startswith("The effects of the axis file (backlash) are not in the model") for note in report["notes"])

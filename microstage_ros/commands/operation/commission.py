@@ -104,6 +104,7 @@ def _run(arguments, sketch, backend, store):
                 for switch in filter(callable, [getattr(backend, "enable", None)]):
                     ends.callback(switch, False)
     except HardwareError as error:
+        machine.zeroed = False
         outcome = Outcome(says=f"the hardware reported: {error}")
     finally:
         for number, handler in before.items():
@@ -144,14 +145,18 @@ def watched(backend):
 
 def _tell(outcome, machine, folder):
     """The answer in a few lines."""
+    from microstage_ros.commissioning.report import safe_words, settling_words
+
     print(f"{outcome.verdict}: {outcome.says}")
+    if not machine.zeroed:
+        print(safe_words(machine))
     for check in outcome.checks.values():
         if not check.passed:
             print(f"  failed: {check.id}: {check.says}")
     for row in outcome.moves:
         print(
             f"  {row['target_m'] * 1e6:7.4g} µm: bias {row['bias_m'] * 1e9:+7.2f} nm, 4s {row['four_s_m'] * 1e9:6.2f}"
-            f" nm, settled {row['settling_s'] * 1e3:.0f} ms after the reference"
+            f" nm, settled {settling_words(row['settling_s'])} ms after the reference"
         )
     if outcome.moves and math.isfinite(outcome.sine):
         print(f"  slow sine: {outcome.sine * 1e9:.0f} nm at most")

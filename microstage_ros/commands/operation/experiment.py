@@ -337,13 +337,13 @@ class _Player:
         from microstage_ros.ros.launching.cell_processes import CellFailure
 
         plan = self._ask(positions)
-        while self._state is None or self._state.sequence < plan.rest_sequence:
-            self.turn()
-            n = self._state.sequence - plan.start_sequence
-            if 0 <= n < len(positions) and abs(self._state.reference - positions[n]) > SAME:
+        while (state := self._state) is None or state.sequence < plan.rest_sequence:
+            n = -1 if state is None else state.sequence - plan.start_sequence
+            if state is not None and 0 <= n < len(positions) and abs(state.reference - positions[n]) > SAME:
                 self._sent = False  # what plays now, if anything, is another's
                 raise CellFailure(f"the program was ended by another (a hold, a move, a stop): the reference is at "
-                                  f"{self._state.reference:g} m where the program has {positions[n]:g} m")
+                                  f"{state.reference:g} m where the program has {positions[n]:g} m")
+            self.turn()
 
     def play(self, reference):
         """From where the reference stands to the program's first place, rest, then the program [m]."""

@@ -18,6 +18,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from microstage_ros.signals.rows import bridged
+
 LINES = 36
 DRAWS = 8  # of the phases; the one with the lowest peak is taken
 LEAST_COHERENCE = 0.5  # below, a line says nothing
@@ -94,7 +96,8 @@ def responses(parts, sine, period, condition):
     sums = {name: np.zeros(len(sine.lines), complex) for name in ("xd", "ud", "cd", "xx", "dd", "cc")}
     shift = np.exp(2j * math.pi * sine.lines / sine.rows) - 1.0
     periods, amplitude = 0, np.zeros(len(sine.lines))
-    for encoder, voltage, disturbance in parts:
+    for read, voltage, disturbance in parts:
+        encoder = bridged(read)
         for k in range((len(encoder) - 1) // sine.rows):
             rows = slice(k * sine.rows, (k + 1) * sine.rows)
             x = np.fft.rfft(np.diff(encoder[rows.start:rows.stop + 1]))[sine.lines] / shift

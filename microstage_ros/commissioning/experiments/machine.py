@@ -68,7 +68,7 @@ class Machine:
         self.watch, self.top_speed, self.time_offset, self.delay = None, math.inf, 0.0, 0
         self.safe_speed, self.braked = math.inf, 0.0
         self.noise, self.current_offset, self.last, self.failed = 0.0, 0.0, None, None
-        self._armed = False
+        self._armed, self.zeroed = False, False
         self.used, self.most_command = {"travel_min_m": math.inf, "travel_max_m": -math.inf}, 0.0
 
     @property
@@ -243,9 +243,12 @@ class Machine:
                 self._members["enable"](True)
             x, i, _ = self._backend.read()
             self._backend.write(0.0)
+            self.zeroed = True
         except HardwareError as problem:
             raise Stopped(f"the hardware reported: {problem}") from problem
         self.rows += 1
+        if math.isfinite(x):
+            self.used = {"travel_min_m": float(x), "travel_max_m": float(x)}
         if not math.isfinite(x):
             raise refused("encoder_dead", math.nan, "m", "the encoder gives no number")
         self.position = x
@@ -275,8 +278,10 @@ class Machine:
         self._armed = on
 
     def _zero(self):
+        self.zeroed = False
         try:
             self._backend.write(0.0)
+            self.zeroed = True
             self._arm(False)
         except HardwareError as problem:
             raise Stopped(f"the hardware refused zero volts: {problem}") from problem

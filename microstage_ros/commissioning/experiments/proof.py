@@ -1,5 +1,7 @@
 """Proof of a law on the machine: repeated moves, a slow sine."""
 
+import math
+
 import numpy as np
 
 from microstage_ros.commissioning.experiments.closed_loop import LOOSE
@@ -8,6 +10,7 @@ from microstage_ros.commissioning.findings import Refused, refused
 from microstage_ros.control.trajectories.profiles import jerk_limited_move, sine
 from microstage_ros.metrology.iso230 import iso230
 from microstage_ros.metrology.repeatability import repeatability
+from microstage_ros.signals.rows import bridged
 
 TARGETS = (1e-6, 1e-5, 1e-4, 1e-3)
 REPEATS = 10
@@ -55,7 +58,8 @@ def moves(loop, keep):
                 )
                 begin, fresh = place, False
                 records.append(record)
-                judged = record["encoder_m"][-machine.periods(JUDGED) :]
+                read = bridged(record["encoder_m"])
+                judged = read[-machine.periods(JUDGED) :]
                 swing = max(swing, swing_of(judged))
                 errors[side].append(float(np.mean(judged)) - place)
                 try:
@@ -64,8 +68,7 @@ def moves(loop, keep):
                     keep("moves", joined(records))
                     raise
                 if side == "up":
-                    beyond = np.flatnonzero(np.abs(record["encoder_m"] - place) > band)
-                    times.append((float(beyond[-1]) + 1 - len(move)) * machine.period if len(beyond) else 0.0)
+                    times.append(_settling(np.abs(read - place) > band, len(move)) * machine.period)
         found = repeatability(errors["up"])
         one = iso230([0.0], [errors["up"]], [errors["down"]])
         sides.append((target, errors))
@@ -75,7 +78,7 @@ def moves(loop, keep):
                 "n": REPEATS,
                 "bias_m": found.bias,
                 "four_s_m": found.four_s,
-                "settling_s": max(float(np.median(times)), 0.0),
+                "settling_s": max(float(np.median(times)), 0.0),  # not finite: half of them did not settle
                 "four_s_interval_m": list(found.four_s_interval),
                 "worst_m": float(np.abs(errors["up"]).max()),
                 "n_down": len(errors["down"]),
@@ -86,6 +89,15 @@ def moves(loop, keep):
     machine.rest(0.0)
     keep("moves", joined(records))
     return rows, _iso_figures(sides)
+
+
+def _settling(beyond, planned):
+    """Rows from the end of the reference, ``planned`` rows long, until ``beyond``, (rows,), is False for good; infinite
+    where it never is."""
+    last = np.flatnonzero(beyond)
+    if len(last) and last[-1] == len(beyond) - 1:
+        return math.inf
+    return float(last[-1]) + 1 - planned if len(last) else 0.0
 
 
 def most_beside(machine):
@@ -136,7 +148,7 @@ def slow_sine(loop, keep):
     reference = sine(machine.position, period=machine.period, limits=loop.limits(6e-3), **SINE)
     record = loop.follow(reference, fresh=False)
     keep("slow_sine", record)
-    error = record["encoder_m"] - record["reference_m"]
+    error = bridged(record["encoder_m"]) - record["reference_m"]
     return float(np.abs(error[len(error) // 4 :]).max())
 
 

@@ -57,7 +57,8 @@ def judge_proof(loop, worst, sine, seed):
     ------
     Refused : runaway; the moves scatter, or the sine is off, by more than one move may end beside its target.
     """
-    if max(worst, sine) <= NOTICED:
+    largest = max(worst, sine) if math.isfinite(worst) and math.isfinite(sine) else math.inf
+    if largest <= NOTICED:
         return ""
     expected, slow, why = simulated_proof(loop, seed)
     more = worst > FAR_MORE * expected or sine > FAR_MORE * slow
@@ -65,8 +66,8 @@ def judge_proof(loop, worst, sine, seed):
         f"{loop.law} leaves {_micrometres(worst)} in the moves (4s, or mean error) and {_micrometres(sine)} in a slow"
         f" sine{_beside(loop, expected, slow, why, more)}"
     )
-    if max(worst, sine) > proof.most_beside(loop.machine):
-        raise refused("runaway", max(worst, sine), "m", says)
+    if largest > proof.most_beside(loop.machine):
+        raise refused("runaway", largest, "m", says)
     return says + "." if more else ""
 
 

@@ -27,6 +27,7 @@ def write_answer(diagnosis, axis, folder, sources):
     with complete_folder(folder) as folder:
         experiments = _write_experiments(diagnosis, axis, folder)
         report = report_fields(diagnosis, experiments, axis, sources)
+        report["notes"] += _uncompared(axis)
         extended = write_extended(axis, diagnosis, folder / "extended.yaml", sources)
         if extended.effects != axis.effects or diagnosis.identified:
             report["consequences"] = [{"name": c.name, "before": plain(c.before), "after": plain(c.after), "unit": "m"}
@@ -34,6 +35,15 @@ def write_answer(diagnosis, axis, folder, sources):
         (folder / "report.json").write_text(json.dumps(report, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
         write_page(report, diagnosis, axis, folder / "report.html")
     return report
+
+
+def _uncompared(axis):
+    """A sentence on effects of the axis file that are not in what records are compared with: the balances of a screw
+    axis are of the machine without any. A list of one, or empty."""
+    if not axis.effects or axis.choices["drive.type"] != "voltage_motor":
+        return []
+    return [f"The effects of the axis file ({', '.join(axis.effects)}) are not in the model that the records were"
+            " compared with: what is still there of them is found again; extended.yaml keeps the others, unexamined."]
 
 
 def report_fields(diagnosis, experiments, axis, sources):

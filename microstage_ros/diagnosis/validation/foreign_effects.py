@@ -77,12 +77,12 @@ def with_effect(machine, effect, rng, strength=1.0):
         return machine.changed(delay=delay), {"delay_s": delay}, {}
     if effect == "amplifier_gain":
         factor = 1.0 / (1.0 + k * rng.uniform(0.25, 0.6))
-        return machine.changed(gain=factor), {"factor": 1.0 / factor}, {}
+        return machine.changed(gain=factor), {"factor": factor}, {}
     if effect == "floor_vibration":
         return machine, {}, {"vibration": k * rng.uniform(3.0, 10.0)}
     if effect == "scale_error":
         relative = sign * k * rng.uniform(0.002, 0.01)
-        return machine, {"relative": relative}, {"scale": relative}
+        return machine, {"relative": -relative}, {"scale": relative}  # by which the reading is too long
     return _in_the_loop(machine, effect, rng, k) or _in_the_readings(machine, effect, rng, k, sign)
 
 
@@ -110,7 +110,7 @@ def _in_the_readings(machine, effect, rng, k, sign):
         return machine, {}, {"sde": k * rng.uniform(0.05e-6, 0.3e-6)}
     share = k * rng.uniform(0.1, 0.4)
     if effect == "amplifier_offset":
-        return machine, {"offset_V": sign * share}, {"offset": sign * share}
+        return machine, {"offset_V": -sign * share}, {"offset": sign * share}  # of what is asked for
     if effect == "amplifier_deadband":
         return machine, {"half_width_V": share}, {"dead": share}
     if effect == "resistance_rise":

@@ -9,8 +9,13 @@ from microstage_ros.diagnosis.report.answer import FORMAT, finding_fields, gain_
 from microstage_ros.diagnosis.report.extended import write_extended
 from microstage_ros.diagnosis.report.wording import sentence_of
 from microstage_ros.files import complete_folder
-from microstage_ros.model.effects import REGISTRY, check_effects
+from microstage_ros.model.effects import REGISTRY
+from microstage_ros.model.effects.effect import CONTACTS
 from microstage_ros.quantities.errors import InputError
+from microstage_ros.solver.plant import make_plant
+
+SHAPELESS = ("position_dependent_friction", "screw_pitch_error")
+"""A log tells how large they are, and the axis file asks along which shape."""
 
 
 def write_log_answer(result, description, folder, sources, axis=None):
@@ -123,16 +128,30 @@ def _extended(diagnosis, axis, folder, sources, report):
 
     kept = []
     for cause in diagnosis.causes:
-        known = REGISTRY[cause.id].parameters if cause.id in REGISTRY else {}
-        effect = {name: p.value for name, p in cause.parameters.items() if name in known and known[name].unit == p.unit}
-        try:
-            check_effects({cause.id: effect}, "effects")
-        except InputError:
+        effect = _effect_of(cause, axis)
+        if effect is None:
             report["notes"].append(
                 f"{cause.id} is not in extended.yaml: its size in these signals is no parameter of the axis file."
             )
-            continue
-        if effect:
+        elif effect:
             kept.append(dataclasses.replace(cause, effect=effect))
     write_extended(axis, dataclasses.replace(diagnosis, causes=tuple(kept)), folder / "extended.yaml", sources)
     return "extended.yaml"
+
+
+def _effect_of(cause, axis):
+    """Parameters of a cause as an effect that the axis can have, at the first contact that has it; None where its size
+    is none of these."""
+    if cause.id not in REGISTRY or cause.id in SHAPELESS:
+        return None
+    effect = REGISTRY[cause.id]
+    given = {name: p.value for name, p in cause.parameters.items()
+             if name in effect.parameters and effect.parameters[name].unit == p.unit}
+    for contact in CONTACTS if effect.on_contact else (None,):
+        tried = given | ({"contact": contact} if contact and given else {})
+        try:
+            make_plant(axis, effects={cause.id: tried})
+        except InputError:
+            continue
+        return tried
+    return None

@@ -1,6 +1,8 @@
 """The page that a technician reads: what changed, how much, since when, how sure, what else, what to look at, what
 would decide."""
 
+import math
+
 from microstage_ros.diagnosis.logs.preprocessing.channels import FLUCTUATION
 from microstage_ros.diagnosis.logs.selection import course as course_module
 from microstage_ros.diagnosis.logs.report import pictures
@@ -50,20 +52,23 @@ def size_of(cause):
         if value is None:
             continue
         if name == "factor" or name.endswith("_factor"):
-            return (
-                f"{100 * (value - 1):+.0f} %, 95 %: {100 * (value - 1 - 1.96 * spread):+.0f} …"
-                f" {100 * (value - 1 + 1.96 * spread):+.0f} %"
-            )
+            return _per_cent(value - 1.0, spread, "+")
         if p["unit"] == "1":
-            return (
-                f"{100 * value:.0f} %, 95 %: {100 * (value - 1.96 * spread):.0f} …"
-                f" {100 * (value + 1.96 * spread):.0f} %"
-            )
+            return _per_cent(value, spread)
         return (
             f"{quantity(value, p['unit'])}, 95 %: {quantity(value - 1.96 * spread, p['unit'])} …"
             f" {quantity(value + 1.96 * spread, p['unit'])}"
         )
     return "size open"
+
+
+def _per_cent(value, spread, sign=""):
+    """A share [1] and its 95 % interval in per cent, in as many decimals as half of the interval has before its second
+    digit."""
+    half = 196.0 * spread
+    decimals = min(max(0, -math.floor(math.log10(half))), 6) if half > 0.0 else 0
+    low, high = 100.0 * value - half, 100.0 * value + half
+    return f"{100.0 * value:{sign}.{decimals}f} %, 95 %: {low:{sign}.{decimals}f} … {high:{sign}.{decimals}f} %"
 
 
 def write_page(report, result, path, description):

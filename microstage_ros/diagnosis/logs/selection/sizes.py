@@ -82,6 +82,18 @@ def _factor(fitted):
     return {"factor": fitted.times(1.0, "1", beside=1.0)}
 
 
+def _gain(fitted):
+    """A weaker amplifier is asked for more: what is asked for, over what it was, is 1/factor."""
+    asked = fitted.times(1.0, "1", beside=1.0)
+    return {"factor": Parameter(1.0 / asked.value, asked.stderr / asked.value**2, "1")}
+
+
+def _offset(fitted):
+    """What an amplifier adds by itself is not asked for."""
+    added = fitted.times(fitted.scale, fitted.unit)
+    return {"offset_V": dataclasses.replace(added, value=-added.value)}
+
+
 def _level(fitted):
     relative = fitted.of_coulomb(beside=1.0) if fitted.parts[0] == "dead zone" else None
     return {"coulomb_factor": relative} if relative else _factor(fitted)
@@ -177,8 +189,8 @@ def _lag(fitted):
 
 
 def _scale(fitted):
-    # a reading too long lessens the error
-    return {"relative": fitted.times(-2.0 * fitted.scale / fitted.context.stroke, "1")}
+    # a reading too short adds to the error
+    return {"relative": fitted.times(2.0 * fitted.scale / fitted.context.stroke, "1")}
 
 
 def _creep(fitted):
@@ -189,13 +201,13 @@ def _creep(fitted):
 #: Effect to the function of `Fitted` that gives its parameters in the words of the catalogue.
 SIZES = {
     "friction_level_change": _level,
-    "amplifier_gain": _factor,
+    "amplifier_gain": _gain,
     "resistance_rise": _relative("initial"),
     "viscous_change": _viscous,
     "nonlinear_viscous": _quadratic,
     "direction_asymmetry": _asymmetry,
     "gravity_tilt": _in_unit_of_channel("force"),
-    "amplifier_offset": _in_unit_of_channel("offset_V"),
+    "amplifier_offset": _offset,
     "amplifier_deadband": _in_unit_of_channel("half_width_V"),
     "cable_spring": _spring,
     "position_dependent_friction": _along_the_stroke,
