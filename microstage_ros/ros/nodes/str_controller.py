@@ -232,9 +232,16 @@ class StrController(Node):
             self._sender.stop()
 
 
+NO_GAINS = ("type_name", "axis", "period")
+"""What else a controller is made with: of the axis, not of a law."""
+
+
 def _gains(text):
-    """The mapping in parameter ``gains``."""
+    """The mapping in parameter ``gains``. Raises `InputError` for a name that is none of a gain."""
     gains = yaml_mapping("str_controller: gains", text, "{proportional: 4.0e5}")
+    for name in gains:
+        if not isinstance(name, str) or name in NO_GAINS:
+            raise InputError("str_controller: gains", name, "names of gains, such as proportional")
     return {name: _number(value) for name, value in gains.items()}
 
 

@@ -39,6 +39,8 @@ def test_not_finite_is_refused():
     ("axis_driver", "backend_options:='{colour: red}'", "colour"),
     ("str_controller", "controller:=guess", "controller"),
     ("str_controller", "gains:='{proportional: -1.0}'", "proportional"),
+    ("str_controller", "gains:='{period: 1.0e-3}'", "names of gains"),
+    ("str_controller", "gains:='{1: 2.0}'", "names of gains"),
     ("gms_observer", "gains:='{encoder_noise: -1.0}'", "encoder_noise"),
     ("gms_observer", "gains:='{loudness: 1.0}'", "loudness"),
     ("str_controller", "axis_file:=/nowhere.yaml", "/nowhere.yaml")])
@@ -60,6 +62,7 @@ def test_changes_at_run_time(node, tmp_path):
         refused = change("gains", "{proportional: -2.0e5}")
         assert not refused.successful and "proportional" in refused.reason
         assert not change("gains", "{loudness: 1.0}").successful
+        assert "names of gains" in change("gains", "{1: 2.0}").reason
         refused = change("controller", "pid")
         assert not refused.successful and "restart" in refused.reason
         refused = change("stop_time_s", 5.0)
