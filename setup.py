@@ -37,7 +37,7 @@ setup(
     maintainer_email="maintainers@microstage-ros.org",
     python_requires=">=3.10",
     packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
-    package_data={"": ["*.html", "*.j2", "*.css", "*.js", "*.yaml", "*.svg"]},
+    package_data={"": ["*.html", "*.j2", "*.css", "*.js", "*.yaml", "*.svg", "*.c"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),

@@ -44,7 +44,9 @@ def nodes(context):
                          **backend.recorder_parameters},
         "axis_driver": {**axis, **backend.driver_parameters, "mode": mode, "seed": int(value["seed"]), "activate": True,
                         "rate_limit": 1.0 if lockstep else 0.0}})
+    secure = os.environ.get("ROS_SECURITY_ENABLE") == "true"
     return [Node(package="microstage_ros", executable=name, name=name, namespace=value["namespace"],
+                 ros_arguments=["--enclave", f"{value['namespace']}/{name}"] if secure else None,
                  parameters=[parameters[name]], output="screen") for name in names]
 
 
@@ -57,4 +59,5 @@ def generate_launch_description():
         *declared, SetEnvironmentVariable("FASTRTPS_DEFAULT_PROFILES_FILE", str(profile)),
         SetEnvironmentVariable("FASTDDS_DEFAULT_PROFILES_FILE", str(profile)),
         SetEnvironmentVariable("RMW_FASTRTPS_USE_QOS_FROM_XML", "1"),
+        SetEnvironmentVariable("ROS_SECURITY_ENCLAVE_OVERRIDE", ""),  # each node has the enclave of its name
         SetEnvironmentVariable("ROS_AUTOMATIC_DISCOVERY_RANGE", os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")), OpaqueFunction(function=nodes)])

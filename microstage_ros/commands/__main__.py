@@ -41,8 +41,17 @@ def run(name, arguments):
     except BrokenPipeError:  # the reader of our output has had enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     finally:
-        answer.finish(name, status)
+        _finish(name, status)
     return status
+
+
+def _finish(name, status):
+    """Print the answer of --json, if anybody still reads."""
+    try:
+        answer.finish(name, status)
+        sys.stdout.flush()
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _run(name, arguments):

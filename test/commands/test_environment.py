@@ -61,14 +61,19 @@ def test_without_a_compiler_the_package_index_has_one(tmp_path, monkeypatch):
     assert archive == "<ar><q>"
 
 
+def python_in(venv):
+    """A file that stands for the Python of an environment."""
+    (venv / "bin").mkdir(parents=True, exist_ok=True)
+    (venv / "bin" / "python").touch(mode=0o755)
+
+
 def test_libraries_are_installed_beside_the_interfaces(tmp_path, monkeypatch):
     """What the interfaces need comes first, the rest beside them; a failure of either ends both."""
     steps = []
     monkeypatch.setattr(packages, "uv", lambda venv, requirements: None)
     monkeypatch.setattr(environment, "_step", lambda what, command, *_, stop=None: steps.append((what, command[7:], stop)))
     venv, tools = tmp_path / "venv", toolchain.Toolchain("", ("ziglang",), True)
-    (venv / "bin").mkdir(parents=True)
-    (venv / "bin" / "python").touch()
+    python_in(venv)
     with environment._libraries_beside(SOURCE, venv, sys.executable, tmp_path, "", tools):
         assert [what for what, _, _ in steps][:1] == ["ROS 2"]
     (_, first, _), (name, everything, stop), (ahead, _, _) = steps
@@ -204,10 +209,83 @@ def test_a_removed_cache_is_noticed(tmp_path):
     """Where the interfaces or the Python have been removed, the environment is made again."""
     ready = tmp_path / "environment.sh"
     (tmp_path / "prefix").mkdir()
+    python_in(tmp_path)
     ready.write_text(f"# digest\n# {tmp_path / 'prefix'}\n# {tmp_path}\n", encoding="utf-8")
     assert environment._still_there(ready, "digest") and not environment._still_there(ready, "other")
+    (tmp_path / "bin" / "python").unlink()  # as when the system's Python has gone
+    assert not environment._still_there(ready, "digest")
+    python_in(tmp_path)
     (tmp_path / "prefix").rmdir()
     assert not environment._still_there(ready, "digest")
+
+
+@pytest.mark.parametrize("at", ["venv", "libraries and ROS 2"])
+def test_what_an_interrupted_set_up_left_is_made_anew(tmp_path, monkeypatch, at):
+    """The next run took half of a package for installed and marked the environment as complete; half of one had no pip."""
+    commands, venv = [], tmp_path / ".venv"
+
+    def step(what, command, *_, **__):
+        commands.append(command)
+        python_in(venv)
+        if at in command or at == what:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(environment, "_step", step)
+    monkeypatch.setattr(packages, "uv", lambda venv, requirements: None)
+    with pytest.raises(KeyboardInterrupt):
+        environment._environment(venv, ["numpy"], sys.executable, tmp_path, "")
+    assert not (venv / environment.MARK).exists()
+    at = "nothing"
+    commands.clear()
+    environment._environment(venv, ["numpy"], sys.executable, tmp_path, "")
+    assert commands[0][1:4] == ["-m", "venv", "--clear"] and (venv / environment.MARK).read_text() == "numpy"
+    commands.clear()
+    environment._environment(venv, ["numpy"], sys.executable, tmp_path, "")
+    assert not commands  # complete
+    (venv / "bin" / "python").unlink()
+    environment._environment(venv, ["numpy"], sys.executable, tmp_path, "")
+    assert "--clear" in commands[0]
+
+
+def test_test_tools_of_an_interrupted_set_up_are_installed_anew(tmp_path, monkeypatch):
+    commands = []
+    monkeypatch.setattr(environment, "_step", lambda what, command, *_, **__: commands.append(command))
+    monkeypatch.setattr(packages, "uv", lambda venv, requirements: None)
+    monkeypatch.setattr(sys, "prefix", str(tmp_path / "venv"))
+    (tmp_path / "venv").mkdir()
+    (tmp_path / ".build").mkdir()
+    (tmp_path / ".build" / "environment.sh").touch()
+    shutil.copy(SOURCE / "setup.cfg", tmp_path)
+    (tmp_path / ".build" / "venv.tools").touch()
+    environment.add_test_tools(tmp_path)
+    assert commands[0][-1] == "--force-reinstall" and not (tmp_path / ".build" / "venv.tools").exists()
+    environment.add_test_tools(tmp_path)
+    assert len(commands) == 1
+
+
+def test_interfaces_that_somebody_else_has_built_are_taken_as_they_are(tmp_path, monkeypatch):
+    """In a cache that this user cannot write, the set-up ended at the lock."""
+    monkeypatch.setenv("MICROSTAGE_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr(environment, "_locked", lambda path: pytest.fail("it was locked"))
+    folder = environment._interfaces_folder(SOURCE, sys.executable, "")
+    folder.mkdir(parents=True)
+    (folder / "complete").touch()
+    assert environment._interfaces(SOURCE, Path(sys.prefix), tmp_path, "", None) == folder / "install" / "microstage_msgs"
+
+
+def test_beside_a_sourced_ros_without_its_build_tool_one_line_says_what_to_install(tmp_path, monkeypatch):
+    monkeypatch.setenv("PATH", _bare_path(tmp_path / "bin"))
+    with pytest.raises(environment.Failure, match="colcon is needed .*python3-colcon-common-extensions"):
+        environment._build(SOURCE, tmp_path, tmp_path, "jazzy", toolchain.Toolchain("", (), True), tmp_path / "interfaces")
+
+
+def test_a_ros_for_another_python_does_not_hide_the_wheels(tmp_path):
+    site = tmp_path / "venv" / "lib" / "python3.11" / "site-packages"
+    site.mkdir(parents=True)
+    text = _exports(tmp_path, tmp_path / "venv", tmp_path / "prefix", "")
+    (line,) = [line for line in text.splitlines() if line.startswith("export PYTHONPATH")]
+    assert line.endswith(f':{site}${{PYTHONPATH:+:$PYTHONPATH}}"')
+    assert str(site) not in _exports(tmp_path, tmp_path / "venv", tmp_path / "prefix", "jazzy")
 
 
 def test_what_is_compiled_first_is_there():

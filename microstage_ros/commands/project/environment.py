@@ -10,7 +10,6 @@ import configparser
 import contextlib
 import fcntl
 import hashlib
-import json
 import os
 import platform
 import re
@@ -23,17 +22,12 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from microstage_ros.commands.project import packages, toolchain
+from microstage_ros.commands.project.steps import Failure, cache_folder
+from microstage_ros.commands.project.steps import step as _step
 
 OLDEST, NEWEST = (3, 10), (3, 14)
-MOST_SILENT = 1800
-"""Longest time [s] for which a step may write nothing into its log."""
-
 MARK = "microstage_requirements"
 """File in the Python environment that lists what was installed into it."""
-
-
-class Failure(Exception):
-    """A step did not work; the text says which and what helps."""
 
 
 def main(root, digest):
@@ -61,7 +55,12 @@ def main(root, digest):
 def _still_there(ready, digest):
     """Whether the environment was made from this digest, and what it names has not been removed since."""
     lines = ready.read_text(encoding="utf-8").splitlines()[:3] if ready.exists() else []
-    return len(lines) == 3 and lines[0] == f"# {digest}" and all(Path(line[2:]).is_dir() for line in lines[1:])
+    return len(lines) == 3 and lines[0] == f"# {digest}" and Path(lines[1][2:]).is_dir() and _has_python(lines[2][2:])
+
+
+def _has_python(venv):
+    """Whether an environment has its Python still: one of the system that it was made from may have gone."""
+    return os.access(Path(venv) / "bin" / "python", os.X_OK)
 
 
 @contextlib.contextmanager
@@ -178,34 +177,42 @@ def add_test_tools(root):
         mark.exists() and mark.read_text(encoding="utf-8") == "\n".join(wanted)
     ):
         return
+    begun = build / f"{Path(sys.prefix).name}.tools"
     with _locked(build / "lock"):
-        _install("test tools", Path(sys.prefix), wanted, build, _sourced())
+        anew = begun.exists()
+        begun.touch()
+        _install("test tools", Path(sys.prefix), wanted, build, _sourced(), anew=anew)
         mark.write_text("\n".join(wanted), encoding="utf-8")
+        begun.unlink()
 
 
-def _install(what, venv, requirements, build, sourced="", stop=None):
-    """Install, by uv where it serves; beside a sourced ROS 2 by pip, which sees the packages of the system."""
+def _install(what, venv, requirements, build, sourced="", stop=None, anew=False):
+    """Install, by uv where it serves; beside a sourced ROS 2 by pip, which sees the packages of the system. ``anew``:
+    what is there already, too, since it may be half of it."""
     fast = None if sourced else packages.uv(venv, requirements)
     if fast:
         try:
-            return _step(what, fast[0], build, fast[1], stop)
+            return _step(what, [*fast[0], *["--reinstall"] * anew], build, fast[1], stop)
         except Failure:
             if stop and stop.is_set():
                 raise
             print(f"  {what}: uv could not; now with pip", file=sys.stderr)
-    return _step(what, packages.pip(venv, requirements), build, stop=stop)
+    return _step(what, [*packages.pip(venv, requirements), *["--force-reinstall"] * anew], build, stop=stop)
 
 
 def _environment(venv, requirements, python, build, sourced, name="", stop=None):
     """The Python environment with everything in ``requirements``; ``name`` of the step, ``stop`` as in `_step`."""
-    mark = venv / MARK
-    if mark.exists() and set(requirements) <= set(mark.read_text(encoding="utf-8").splitlines()):
+    mark, begun = venv / MARK, build / f"{venv.name}.begun"
+    anew = begun.exists() or not _has_python(venv)  # of one that was interrupted nobody knows what is whole
+    if not anew and mark.exists() and set(requirements) <= set(mark.read_text(encoding="utf-8").splitlines()):
         return
-    if not (venv / "bin" / "python").exists():
+    begun.touch()
+    if anew:
         options = ["--system-site-packages"] if sourced else []
-        _step("Python environment", [str(python), "-m", "venv", *options, str(venv)], build)
+        _step("Python environment", [str(python), "-m", "venv", "--clear", *options, str(venv)], build)
     _install(name or ("libraries" if sourced else "libraries and ROS 2"), venv, requirements, build, sourced, stop)
     mark.write_text("\n".join(requirements), encoding="utf-8")
+    begun.unlink()
 
 
 def _python():
@@ -217,12 +224,6 @@ def _python():
         if found:
             return found
     raise Failure(f"this is Python {sys.version.split()[0]}; one from 3.10 to 3.14 is needed (python3.X on the path)")
-
-
-def cache_folder():
-    """Where what is built once for all checkouts lies: ``$MICROSTAGE_CACHE``, or the user's cache folder."""
-    given = os.environ.get("MICROSTAGE_CACHE")
-    return Path(given) if given else Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "microstage_ros"
 
 
 def _interfaces_folder(root, python, sourced):
@@ -251,12 +252,16 @@ def _built(folder):
 def _interfaces(root, venv, build, sourced, tools):
     """The interface package, built; returns its install prefix."""
     folder = _interfaces_folder(root, venv / "bin" / "python", sourced)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError:
-        folder = build / folder.name  # no cache folder that can be written: for this checkout alone
-        folder.mkdir(parents=True, exist_ok=True)
+    if not _built(folder):
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            (folder / "lock").touch()
+        except OSError:
+            folder = build / folder.name  # no cache folder that can be written: for this checkout alone
+            folder.mkdir(parents=True, exist_ok=True)
     prefix = folder / "install" / "microstage_msgs"
+    if _built(folder):  # it may be another's, who alone writes there
+        return prefix
     with _locked(folder / "lock"):
         if not _built(folder):
             _build(root, venv, build, sourced, tools or toolchain.find(_headers_of(venv / "bin" / "python")), folder)
@@ -266,7 +271,10 @@ def _interfaces(root, venv, build, sourced, tools):
 
 
 def _build(root, venv, build, sourced, tools, folder):
-    """Compile the interfaces into ``folder``."""
+    """Compile the interfaces into ``folder``. Raises `Failure` beside a sourced ROS 2 that lacks its build tool."""
+    if sourced and shutil.which("colcon") is None:
+        raise Failure("colcon is needed to build the interfaces for the ROS 2 that is sourced (Debian, Ubuntu: install "
+                      "python3-colcon-common-extensions; else: pip install colcon-common-extensions)")
     for name in ("build", "install", "log"):
         shutil.rmtree(folder / name, ignore_errors=True)
     python = venv / "bin" / "python"
@@ -301,78 +309,13 @@ def _any_library():
     return next(iter(sorted(Path("/usr/lib").glob("**/libpython3*.so*"))), Path(os.devnull))
 
 
-def _step(what, command, build, environment=None, stop=None):
-    """Run one command with its output in ``.build/setup.log``, and a line of progress on a terminal. One with an event
-    ``stop`` runs beside another, with a log of its own and no progress, and ends when the event is set."""
-    began, live, usual = time.monotonic(), sys.stderr.isatty() and not stop, _durations().get(f"set-up: {what}")
-    log = build / (f"setup-{what}.log" if stop else "setup.log")
-    with open(log, "a", encoding="utf-8") as output:
-        output.write(f"\n$ {' '.join(command)}\n")
-        output.flush()
-        start = output.tell()
-        process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT,
-                                   env=environment)
-        try:
-            while process.poll() is None:
-                passed = time.monotonic() - began
-                if live:
-                    left = f", about {usual - passed:.0f} s left" if usual and usual > passed + 1 else ""
-                    print(
-                        f"\r\033[K  {what}: {passed:3.0f} s{left}  {_last_line(log, start)}",
-                        end="",
-                        file=sys.stderr,
-                        flush=True,
-                    )
-                if time.time() - log.stat().st_mtime > MOST_SILENT:
-                    process.kill()
-                if stop and stop.is_set():
-                    process.terminate()
-                time.sleep(0.2)
-        except BaseException:
-            process.terminate()
-            process.wait()
-            raise
-    if sys.stderr.isatty():
-        print("\r\033[K", end="", file=sys.stderr)
-    if process.returncode:
-        raise Failure(f"{what}: failed ({_last_line(log, start)}); all of it is in {log}")
-    print(f"  {what}: done in {time.monotonic() - began:.0f} s", file=sys.stderr)
-    _remember(what, time.monotonic() - began)
-
-
-def _durations():
-    """How long each kind of work took the last time [s] (`commands.progress` keeps its own there too)."""
-    try:
-        return json.loads((cache_folder() / "durations.json").read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return {}
-
-
-def _remember(what, seconds):
-    """Keep a duration for the next time, where there is a place for it."""
-    try:
-        kept = {**_durations(), f"set-up: {what}": round(seconds, 1)}
-        beside = cache_folder() / f".durations.{os.getpid()}.partial"
-        beside.parent.mkdir(parents=True, exist_ok=True)
-        beside.write_text(json.dumps(kept, indent=1), encoding="utf-8")
-        os.replace(beside, beside.with_name("durations.json"))
-    except (OSError, TypeError):
-        pass
-
-
-def _last_line(log, start):
-    """The newest line of a log after byte ``start``, shortened."""
-    with open(log, "rb") as file:
-        file.seek(max(start, log.stat().st_size - 2000))
-        lines = [line for line in file.read().decode("utf-8", "replace").splitlines() if line.strip()]
-    return lines[-1].strip()[:90] if lines else ""
-
-
 def _exports(root, venv, prefix, sourced):
     """The shell text that makes the environment."""
     messages = next((prefix / "lib").glob("python3*/site-packages"), prefix / "lib")
     local = list((prefix / "local" / "lib").glob("python3*/dist-packages"))
     messages = _quotable(local[0] if local else messages)
+    # a ROS 2 that is sourced for another Python must not hide the wheels
+    own = "" if sourced else "".join(f":{_quotable(path)}" for path in (venv / "lib").glob("python3*/site-packages"))
     root, venv, prefix = (_quotable(path) for path in (root, venv, prefix))
     which = f"ROS 2 {sourced}, as sourced." if sourced else \
         "ROS 2 Jazzy from the Python package index, in .venv (none is sourced here)."
@@ -381,7 +324,7 @@ def _exports(root, venv, prefix, sourced):
         'export PATH="$VIRTUAL_ENV/bin:$PATH"',
         f'export MICROSTAGE_ROS="{which}"',
         f'export MICROSTAGE_ROOT="{root}"',
-        f'export PYTHONPATH="{root}:{messages}${{PYTHONPATH:+:$PYTHONPATH}}"',
+        f'export PYTHONPATH="{root}:{messages}{own}${{PYTHONPATH:+:$PYTHONPATH}}"',
         f'export LD_LIBRARY_PATH="{prefix}/lib:{venv}/lib${{LD_LIBRARY_PATH:+:$LD_LIBRARY_PATH}}"',
     ]
     if sourced:

@@ -104,7 +104,7 @@ def main(argv=None):
     drawn = (
         items
         if arguments.sample is None
-        else random.Random(arguments.seed).sample(items, min(arguments.sample, len(items)))
+        else random.Random(arguments.seed).sample(items, min(max(arguments.sample, 0), len(items)))
     )
     outcomes = _examine(drawn, tests, arguments.jobs)
     _report(outcomes, len(items), arguments, tests)
@@ -283,7 +283,8 @@ def _one(work):
             if after is None:
                 return item, "no mutant", ""
             changed = [line for line in after.splitlines() if line not in set(before.splitlines())]
-            outcome = "survived" if _run(copy, tests, slow)[0] == 0 else "noticed"
+            status = _run(copy, tests, slow)[0]
+            outcome = "survived" if status == 0 else "timed out" if status is None else "noticed"
         return item, outcome, " / ".join(line.strip() for line in changed[:2])
     finally:
         copies.put(copy)
@@ -291,13 +292,15 @@ def _one(work):
 
 def _report(outcomes, total, arguments, tests):
     """Survivors and the rate on standard output; everything as JSON if asked."""
-    judged = [entry for entry in outcomes if entry[1] != "no mutant"]
+    judged = [entry for entry in outcomes if entry[1] in ("survived", "noticed")]
+    late = sum(entry[1] == "timed out" for entry in outcomes)
     survivors = [entry for entry in judged if entry[1] == "survived"]
     for (module, operator, _, line), _, change in survivors:
         print(f"survived  {module}:{line}  {operator.split('/')[1]}  {change}")
     found = rate(len(judged) - len(survivors), len(judged))
     print(
         f"{arguments.area}: the tests notice {found} of the mutants tried; {total} there are; tests: {' '.join(tests)}"
+        + (f"; {late} did not end in time and do not count" if late else "")
     )
     if arguments.json:
         rows = [
@@ -314,6 +317,7 @@ def _report(outcomes, total, arguments, tests):
                     "tests": tests,
                     "mutants": total,
                     "tried": found.cases,
+                    "timed_out": late,
                     "noticed": found.hits,
                     "ci95": [found.low, found.high],
                     "rows": rows,

@@ -28,7 +28,7 @@ def main(argv=None):
     parser.add_argument(
         "--domain",
         type=int,
-        default=int(os.environ.get("ROS_DOMAIN_ID") or 0),
+        default=os.environ.get("ROS_DOMAIN_ID") or "0",
         metavar="N",
         help="ROS domain in which the permissions hold (default: ROS_DOMAIN_ID, else 0)",
     )

@@ -72,7 +72,8 @@ class ForkedNodes:
             stdout=output,
             stderr=output,
             start_new_session=True,
-            env={**os.environ, **ENVIRONMENT, **own_memory(folder)},
+            # each node has the enclave of its name, which rcl gives up for an override that is meant for a command
+            env={**os.environ, **ENVIRONMENT, **own_memory(folder), "ROS_SECURITY_ENCLAVE_OVERRIDE": ""},
         )
         other.close()
         if output:

@@ -9,6 +9,7 @@ service names.
 """
 
 import os
+import re
 import shutil
 import subprocess
 from pathlib import Path
@@ -103,13 +104,14 @@ def permissions(namespace, node, rules, domain):
 """
 
 
-def governance(domain):
+def governance(domains):
     """The governance document: nobody without a certificate, everything signed and encrypted, every topic under
-    control. ``domain``: ROS_DOMAIN_ID [1]."""
+    control. ``domains``: numbers (ROS_DOMAIN_ID) [1], shape (n,)."""
 
     def element(name, text, depth):
         return f"{'  ' * depth}<{name}>{text}</{name}>\n"
 
+    ids = "".join(f"<id>{domain}</id>" for domain in domains)
     domain_rules = "".join(
         element(name, text, 3)
         for name, text in (
@@ -137,7 +139,7 @@ def governance(domain):
      xsi:noNamespaceSchemaLocation="http://www.omg.org/spec/DDS-SECURITY/20170901/omg_shared_ca_governance.xsd">
   <domain_access_rules>
     <domain_rule>
-      <domains><id>{domain}</id></domains>
+      <domains>{ids}</domains>
 {domain_rules}      <topic_access_rules>
         <topic_rule>
 {topic_rules}        </topic_rule>
@@ -177,6 +179,7 @@ class Keystore:
         key, certificate = self._private / "ca.key.pem", self._public / "ca.cert.pem"
         if not key.exists():
             _key(key)
+        if not certificate.exists():
             _openssl(
                 "req",
                 "-x509",
@@ -196,8 +199,15 @@ class Keystore:
         for kind in ("identity_ca", "permissions_ca"):
             _link(self._private / f"{kind}.key.pem", key)
             _link(self._public / f"{kind}.cert.pem", certificate)
-        self._sign(governance(self._domain), self._enclaves / "governance")
+        self._sign(governance(self._domains()), self._enclaves / "governance")
         return [self._enclave(node, rules) for node, rules in policy().items()]
+
+    def _domains(self):
+        """Numbers of the domains of this keystore: those it was made for before, which its permissions name, and this
+        one."""
+        earlier = self._enclaves / "governance.xml"
+        known = re.findall(r"<id>(\d+)</id>", earlier.read_text(encoding="utf-8")) if earlier.exists() else []
+        return sorted({*map(int, known), self._domain})
 
     def _enclave(self, node, rules):
         name = full_name(self._namespace, node)

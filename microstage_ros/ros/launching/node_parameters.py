@@ -5,12 +5,15 @@ import time
 from pathlib import Path
 
 import rclpy.parameter
-from rclpy.parameter_client import AsyncParameterClient
+from rcl_interfaces.srv import GetParameters, ListParameters
 
 from microstage_ros.model.actuators import actuator_of
 from microstage_ros.model.axis_file import load_axis
 from microstage_ros.places import config_file
 
+
+READING = ((ListParameters, "list_parameters"), (GetParameters, "get_parameters"))
+"""What is asked of a node; rclpy's own client of parameters may set them, too, which a recorder's key must not."""
 
 ASK_AGAIN_S = 0.5
 """An answer that has not come after so long [s] was lost, as happens while processes discover each other."""
@@ -40,15 +43,15 @@ class ParameterCollector:
             ):
                 continue
             if full not in self._clients:
-                self._clients[full] = AsyncParameterClient(self._node, full)
-            client = self._clients[full]
-            if client.services_are_ready():
+                self._clients[full] = tuple(self._node.create_client(kind, f"{full}/{name}") for kind, name in READING)
+            if all(client.service_is_ready() for client in self._clients[full]):
                 self._asked[full] = time.monotonic()
-                client.list_parameters([], 10).add_done_callback(lambda f, full=full: self._listed(full, f))
+                asked = self._clients[full][0].call_async(ListParameters.Request(depth=10))
+                asked.add_done_callback(lambda f, full=full: self._listed(full, f))
 
     def _listed(self, full, future):
         names = future.result().result.names
-        self._clients[full].get_parameters(names).add_done_callback(
+        self._clients[full][1].call_async(GetParameters.Request(names=names)).add_done_callback(
             lambda f: self.found.__setitem__(full, _values(names, f.result().values)))
 
     def run_facts(self):

@@ -8,12 +8,14 @@ import sys
 import time
 import xml.etree.ElementTree as ElementTree
 from fnmatch import fnmatchcase
+from pathlib import Path
 
 import pytest
 from ros_support import own_domain, ros_node, spin_until
 
 from microstage_ros.commands.__main__ import main
 from microstage_ros.ros.launching.cell_processes import NODES, CellProcesses
+from microstage_ros.ros.launching.forked import ForkedNodes
 from microstage_ros.ros.launching.keystore import GRAPH, Keystore, policy, wire_names
 
 needs_openssl = pytest.mark.skipif(shutil.which("openssl") is None, reason="no program openssl")
@@ -48,6 +50,41 @@ def test_every_certificate_and_document_verifies(tmp_path, capsys):
     before = (folders[0] / "cert.pem").read_bytes()
     Keystore(tmp_path / "keys", "/left", 8).make()  # again, for another domain: keys stay
     assert (folders[0] / "cert.pem").read_bytes() == before and "<id>8</id>" in (folders[0] / "permissions.xml").read_text()
+
+
+@needs_openssl
+def test_a_second_axis_of_another_domain_leaves_the_first_its_own(tmp_path):
+    """One governance document is signed for all: it held the domain of the last axis alone."""
+    Keystore(tmp_path, "/axis", 77).make()
+    Keystore(tmp_path, "/left", 5).make()
+    for name, domain in (("axis", "77"), ("left", "5")):
+        folder = tmp_path / "enclaves" / name / "axis_driver"
+        text = openssl("smime", "-verify", "-text", "-in", folder / "governance.p7s", "-CAfile", tmp_path / "public" / "ca.cert.pem").stdout
+        assert "<domains><id>5</id><id>77</id></domains>" in text
+        assert [entry.text for entry in ElementTree.parse(folder / "permissions.xml").iter("id")] == [domain]
+
+
+@needs_openssl
+def test_a_certificate_that_was_not_made_the_first_time_is_made(tmp_path):
+    Keystore(tmp_path, "/axis", 0).make()
+    (tmp_path / "public" / "ca.cert.pem").unlink()
+    Keystore(tmp_path, "/axis", 0).make()
+    assert (tmp_path / "public" / "ca.cert.pem").exists()
+
+
+def test_a_recorder_may_read_parameters_and_set_none():
+    writes = [name for name in wire_names("/axis", policy()["bag_recorder"])[0] if name.startswith("rq/")]
+    assert sorted(writes) == ["rq/axis/*/get_parametersRequest", "rq/axis/*/list_parametersRequest"]
+
+
+def test_nodes_have_the_enclave_of_their_name_whatever_the_command_has(monkeypatch):
+    monkeypatch.setenv("ROS_SECURITY_ENCLAVE_OVERRIDE", "/axis/operator")
+    nodes = ForkedNodes([])
+    try:
+        given = Path(f"/proc/{nodes.server_pid}/environ").read_bytes().split(b"\0")
+        assert b"ROS_SECURITY_ENCLAVE_OVERRIDE=" in given and b"ROS_SECURITY_ENCLAVE_OVERRIDE=/axis/operator" not in given
+    finally:
+        nodes.close()
 
 
 def test_only_the_controller_may_command():
