@@ -138,12 +138,16 @@ class Instruments(Protocol):
     def index(self) -> float:
         """Encoder position at the index mark that was passed last [m], NaN before the first."""
 
+    def follow(self) -> None:
+        """Called every 50 ms while the driver is inactive, by a driver whose hardware is open: for a card whose counter
+        would else wrap unseen while the stage is moved by hand. In the control periods `read` follows it."""
+
 
 SAFETY = ("enable", "e_stop", "limit_switches", "watchdog", "outside_stop")
 """Names of the members of `SafetyMembers`."""
 
 
-INSTRUMENTS = ("reading_time", "temperature", "index")
+INSTRUMENTS = ("reading_time", "temperature", "index", "follow")
 """Names of the members of `Instruments`."""
 
 

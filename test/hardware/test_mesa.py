@@ -17,7 +17,7 @@ from microstage_ros.control.laws.controller import Controller, controller_parame
 from microstage_ros.hardware import make_hardware
 from microstage_ros.hardware.mesa.card import pwm_rate
 from microstage_ros.hardware.mesa.lbp16 import command, read32
-from microstage_ros.hardware.protocol import HardwareError, Setup
+from microstage_ros.hardware.protocol import HardwareError, Setup, instruments
 from microstage_ros.model.axis_file import load_axis
 from microstage_ros.places import config_file
 from microstage_ros.quantities.errors import InputError
@@ -210,6 +210,14 @@ def test_counts_go_on_while_the_watchdog_has_cut_the_output():
             card._take(struct.pack("<III", 1, 0, counts & 0xFFFF))
     card._take(struct.pack("<III", 0, 0, 40000 & 0xFFFF))
     assert card.reading.encoder == pytest.approx(40000 * 25e-9)
+
+
+def test_a_card_is_followed_while_nobody_commands(monkeypatch):
+    card, read = make_hardware("mesa", Setup(AXIS, 1, {})), []
+    card.follow()  # it is not open, which the next read says
+    monkeypatch.setattr(card, "read", lambda: read.append(1))
+    instruments(card)["follow"]()
+    assert read == [1]
 
 
 def test_a_card_that_answers_again_is_believed_after_twelve_readings():

@@ -10,6 +10,7 @@ against an emulator of the registers only.
 
 import math
 import struct
+from contextlib import suppress
 
 from microstage_ros.hardware.mesa import hostmot2 as hm
 from microstage_ros.hardware.mesa.lbp16 import PORT, Link, read32, write32
@@ -208,6 +209,11 @@ class MesaCard:
             self._errors = max(self._errors - 1, 0)
         self._take(data)
         return self.reading
+
+    def follow(self):
+        """Read, while nobody commands: the counter has 16 bit. What is wrong with the card the next `read` says."""
+        with suppress(HardwareError):
+            self.read()
 
     def _loss(self, what):
         self._errors = min(self._errors + LOSS, MOST_ERRORS + LOSS)  # a card that answers again is soon believed

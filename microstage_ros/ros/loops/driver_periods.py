@@ -158,8 +158,9 @@ class DriverPeriods(DriverState):
         self._credits.take()
         if self._opened and not self.hardware.simulated:
             self._look_at_signals()
-            with suppress(HardwareError):  # a card that counts must not lose its place; errors are the next read's
-                self.hardware.read()
+            if "follow" in self._instruments:
+                with suppress(HardwareError):  # an error of it is the next read's, too
+                    self._instruments["follow"]()
 
     def _begin(self, time_ns):
         """Read, publish: the control period begins."""

@@ -13,7 +13,7 @@ from microstage_ros.hardware import make_hardware
 from microstage_ros.hardware.command_gate import CommandGate
 from microstage_ros.hardware.limits import new_limits
 from microstage_ros.hardware.output_guard import OutputGuard
-from microstage_ros.hardware.protocol import Hardware, HardwareError, Setup, safety_members
+from microstage_ros.hardware.protocol import Hardware, HardwareError, Setup, instruments, safety_members
 from microstage_ros.model.actuators import actuator_of
 from microstage_ros.model.axis_file import load_axis
 from microstage_ros.places import config_file
@@ -92,6 +92,7 @@ class DriverState(LifecycleNode):
         if self._lockstep and not self.hardware.simulated:
             raise InputError("axis_driver: parameter mode", p.mode, f"paced: backend {p.backend} has its own time")
         self._safety: dict[str, Callable] = safety_members(self.hardware)
+        self._instruments: dict[str, Callable] = instruments(self.hardware)
         self._opened, self._written = False, 0.0
         self._enabled: bool | None = False  # None: the hardware did not say that it is as asked
         self._switches = False, False

@@ -48,7 +48,7 @@ class Driver(DriverPeriods):
         self.period, self._hold_s, self._due, self.overruns, self.sequence = 0.02, hold_s, None, 0, -1
         self._enabled, self._switches, self._written, self._opened = False, (False, False), 0.0, True
         self.hardware, self.written, self.hang, self.waiting = self, [], lambda: None, []
-        self._safety, self._command_readers, self._idle_readers = members, (), ()
+        self._safety, self._instruments, self._command_readers, self._idle_readers = members, {}, (), ()
         self.parameters = types.SimpleNamespace(command_timeout_s=60.0, mode="paced")
         self.responses = types.SimpleNamespace(add=lambda seconds: None)
         self._credits = types.SimpleNamespace(take=lambda: None)
@@ -160,14 +160,16 @@ def test_a_card_that_cannot_be_armed_leaves_the_driver_inactive():
 def test_an_inactive_driver_looks_at_its_emergency_stop_and_follows_the_counts():
     pressed, reads = [False], []
     driver = Driver(e_stop=lambda: pressed[0])
-    driver.hang = lambda: reads.append(1)
+    driver.hang = lambda: pytest.fail("read is for control periods")
+    driver._idle()
+    driver._instruments = {"follow": lambda: reads.append(1)}
     driver._idle()
     assert reads == [1] and driver.gate.fault == "none"
 
     def unplugged():
         raise HardwareError("no answer")
 
-    driver.hang = unplugged
+    driver._instruments = {"follow": unplugged}
     driver._idle()
     assert driver.gate.fault == "none"  # nothing is commanded: the first period of an active driver tells it
     pressed[0] = True
@@ -179,5 +181,5 @@ def test_an_inactive_driver_looks_at_its_emergency_stop_and_follows_the_counts()
 def test_of_an_inactive_driver_neither_a_simulation_nor_a_closed_card_is_read(simulated, opened):
     driver = Driver(e_stop=lambda: pytest.fail("it was asked"))
     driver.simulated, driver._opened = simulated, opened
-    driver.hang = lambda: pytest.fail("it was read")
+    driver._instruments = {"follow": lambda: pytest.fail("it was read")}
     driver._idle()
