@@ -44,9 +44,10 @@ def nodes(context):
                          **backend.recorder_parameters},
         "axis_driver": {**axis, **backend.driver_parameters, "mode": mode, "seed": int(value["seed"]), "activate": True,
                         "rate_limit": 1.0 if lockstep else 0.0}})
+    cell = "/" + value["namespace"].strip("/")  # of a namespace without its slash too
     secure = os.environ.get("ROS_SECURITY_ENABLE") == "true"
     return [Node(package="microstage_ros", executable=name, name=name, namespace=value["namespace"],
-                 ros_arguments=["--enclave", f"{value['namespace']}/{name}"] if secure else None,
+                 ros_arguments=["--enclave", f"{cell}/{name}"] if secure else None,
                  parameters=[parameters[name]], output="screen") for name in names]
 
 

@@ -93,12 +93,15 @@ def plain(value):
 
 def write_answer(outcome, machine, folder, provenance):
     """Write every file of the answer into ``folder`` (`pathlib.Path`); ``outcome``: `Outcome`."""
-    for name in ("axis.yaml", "frequency_response.csv"):  # of an earlier run, which was refused later than this one
-        (folder / name).unlink(missing_ok=True)
+    axis, responses = folder / "axis.yaml", folder / "frequency_response.csv"
     if outcome.axis is not None:
-        outcome.axis.save(folder / "axis.yaml", {"version": __version__, "command": "commission", **provenance})
+        outcome.axis.save(axis, {"version": __version__, "command": "commission", **provenance})
+    else:
+        axis.unlink(missing_ok=True)  # an earlier run's, which got further
     if outcome.responses:
-        write_responses(outcome.responses, folder / "frequency_response.csv")
+        write_responses(outcome.responses, responses)
+    else:
+        responses.unlink(missing_ok=True)
     page(outcome, machine, provenance).save(folder / "report.html")
     write_json(folder / "report.json", report_tree(outcome, machine))
 

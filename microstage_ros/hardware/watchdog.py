@@ -84,7 +84,7 @@ class Watch:
         self._undone = self._stop() is False
 
     def died(self):
-        """The driver is gone. Returns whether the voltage of the machine is."""
+        """The driver is gone. Returns whether the machine's voltage was taken away."""
         now = time.monotonic_ns()
         self.set(DIED, now)
         if self.word(TAKEN):  # taken before, and when is worth keeping

@@ -228,7 +228,7 @@ class AxisClient:
             if time.monotonic() > end:
                 handle.cancel_goal_async()  # nobody waits for this motion any more
                 rclpy.spin_once(self.node, timeout_sec=0.1)
-                raise NoAnswer(f"{self._prefix}: no result within {wait:.0f} s; the move was cancelled")
+                raise NoAnswer(f"{self._prefix}: no result within {wait:.0f} s; its cancel was asked for")
         answer = result.result()
         if answer.status == GoalStatus.STATUS_UNKNOWN:  # what it holds is no result
             raise NoAnswer(f"{self._prefix}: the move server does not know this move any more")

@@ -4,7 +4,6 @@ import contextlib
 
 import numpy as np
 import pytest
-from mcap_ros2.writer import Writer as McapWriter
 from scipy.io import savemat
 
 from microstage_ros.commands.analysis import log as log_command
@@ -14,6 +13,7 @@ from microstage_ros.records.logs.description import description_of
 from microstage_ros.records.logs.log import read_table
 from microstage_ros.records.logs.propose import propose
 from microstage_ros.records.logs.units import known_unit
+from test.diagnosis.logs.test_file_kinds import joint_states
 
 BASIC = {"time": {"column": "t", "unit": "s"}, "position": {"column": "x", "unit": "mm"}, "current": {"column": "i", "unit": "A"}}
 
@@ -276,6 +276,16 @@ def test_a_version_with_a_point_beside_decimal_commas_is_no_mixture(tmp_path):
     assert np.allclose(read_table(path, described()).columns["x"], x, atol=1e-4)
 
 
+@pytest.mark.parametrize("separator, remark", [(";", "axes 1,2 see 3,4"), ("\t", "axes:1,2;3,4")])
+def test_commas_in_texts_beside_decimal_points_are_no_mixture(tmp_path, separator, remark):
+    t, x, i = rows()
+    path = tmp_path / "log.csv"
+    lines = [separator.join((f"{a:.2f}", f"{b:.4f}", f"{c:.4f}", remark)) for a, b, c in zip(t, x, i)]
+    path.write_text(separator.join(("t", "x", "i", "remark")) + "\n" + "\n".join(lines) + "\n")
+    columns = read_table(path, described()).columns
+    assert np.allclose(columns["x"], x, atol=1e-4) and set(columns["remark"]) == {remark}
+
+
 def test_what_was_left_out_is_shown_when_a_log_is_looked_at(tmp_path, capsys):
     t, x, i = rows()
     path = write(tmp_path / "log.csv", "t [s],x [mm],i [A]", (t, x, i))
@@ -291,7 +301,8 @@ def test_a_damaged_file_is_one_line(tmp_path, suffix):
     if suffix == "mat":
         savemat(path, {"t": np.arange(50.0), "x": np.sin(np.arange(50.0))}, do_compression=True)
     else:
-        write_joint_states(path)
+        t = np.arange(50.0)
+        joint_states(path, t, t, 0.1 * t, t, t)
     whole = path.read_bytes()
     for place in range(0, len(whole), max(len(whole) // 150, 1)):
         damaged = bytearray(whole)
@@ -299,31 +310,3 @@ def test_a_damaged_file_is_one_line(tmp_path, suffix):
         path.write_bytes(damaged)
         with contextlib.suppress(InputError):
             read_table(path, described())
-
-
-def write_joint_states(path):
-    """A bag of joint states with a compressed chunk."""
-    with open(path, "wb") as file:
-        writer = McapWriter(file)
-        schema = writer.register_msgdef("sensor_msgs/msg/JointState", JOINT_STATES)
-        for k in range(50):
-            stamp = {"sec": k, "nanosec": 0}
-            writer.write_message("/joint_states", schema, {"header": {"stamp": stamp, "frame_id": ""}, "name": ["axis"],
-                                                           "position": [0.1 * k], "velocity": [], "effort": []}, log_time=k * 10**9)
-        writer.finish()
-
-
-JOINT_STATES = """std_msgs/Header header
-string[] name
-float64[] position
-float64[] velocity
-float64[] effort
-================================================================================
-MSG: std_msgs/Header
-builtin_interfaces/Time stamp
-string frame_id
-================================================================================
-MSG: builtin_interfaces/Time
-int32 sec
-uint32 nanosec
-"""

@@ -93,7 +93,7 @@ def text_of(effect):
     """What is known of an effect, for a terminal."""
     lines = [f"{effect.id}: {effect.label}", *_indented(equation_of(effect).splitlines())]
     lines += [f"  {name} [{spec.unit}]  {spec.meaning}; {range_of(spec)}; {default_of(spec)}"
-              for name, spec in parameters_of(effect)]
+              for name, spec in effect.parameters.items()]
     lines += [f"  {name}: {words}" for name, words in remarks_of(effect)]
     return "\n".join(lines) + "\n"
 
@@ -105,11 +105,6 @@ def _indented(lines):
 def equation_of(effect):
     """The effect's docstring: its equation."""
     return without_roles(inspect.cleandoc(effect.__doc__ or ""))
-
-
-def parameters_of(effect):
-    """(name, `Spec`) of every number of its section."""
-    return list(effect.parameters.items())
 
 
 def range_of(spec):
@@ -165,7 +160,7 @@ def page(effects):
         parts += [f"## {effect.id}\n", f"**{effect.label}.**\n", equation_of(effect), ""]
         parts += grid(("parameter", "unit", "meaning", "range", "default"),
                       [[f"`{name}`", spec.unit, spec.meaning, range_of(spec), default_of(spec).removeprefix("default ")]
-                       for name, spec in parameters_of(effect)])
+                       for name, spec in effect.parameters.items()])
         parts += ["", *(f"- {title.capitalize()}: {words}" for title, words in remarks_of(effect)), ""]
     return without_blank_runs("\n".join(parts))
 

@@ -190,9 +190,8 @@ def _columns(text, body_line, width, separator, path):
     if separator == " ":
         body = re.sub(r"[ \t]+", " ", body)
         body = "\n".join(line.strip() for line in body.split("\n"))
-    if separator != "," and (comma := re.search(r"(?:^|[\n\t; \"])([+-]?\d+,\d+)", body)):
-        _refuse_points(body, width, separator, comma[1], path)
-        body = re.sub(r"(\d),(\d)", r"\1.\2", body)
+    if separator != "," and "," in body:
+        body = _with_points(body, width, separator, path)
     body = _even(body, width, separator, notes)
     polars = polars_or_none()
     columns, no_number = None, {}
@@ -203,6 +202,17 @@ def _columns(text, body_line, width, separator, path):
     if not len(columns) or not len(columns[0]):
         raise InputError(path, "no rows", "rows of numbers")
     return columns, notes, no_number
+
+
+def _with_points(body, width, separator, path):
+    """The body with decimal points in fields that are numbers with a decimal comma; commas in texts stay.
+
+    Raises `InputError`: numbers with decimal points beside them."""
+    edge = re.escape(separator)
+    comma_field = re.compile(rf'((?:^|[\n{edge}]) *"?[+-]?\d+),(\d+(?:[eE][+-]?\d+)?"? *(?=[\n{edge}]|$))')
+    if found := comma_field.search(body):
+        _refuse_points(body, width, separator, found[0].strip(f'\n{separator} "'), path)
+    return comma_field.sub(r"\1.\2", body)
 
 
 def _refuse_points(body, width, separator, comma, path):

@@ -52,6 +52,14 @@ def test_every_node_is_started_with_parameters_it_has(launch_file, mode, record)
     assert set(driver["followers"]) == set(started) - {"axis_driver"} and driver["activate"]
 
 
+@pytest.mark.parametrize("namespace", ["/left", "left"])
+def test_a_secured_cell_has_the_enclaves_of_its_namespace(launch_file, monkeypatch, namespace):
+    monkeypatch.setenv("ROS_SECURITY_ENABLE", "true")
+    context = {name: default for name, (default, _) in launch_file.ARGUMENTS.items()} | {"namespace": namespace}
+    for made in launch_file.nodes(context):
+        assert made.named["ros_arguments"] == ["--enclave", f"/left/{made.named['name']}"]
+
+
 def test_the_description_applies_the_profile(launch_file):
     described = launch_file.generate_launch_description()
     texts = {made.values[0]: made.values[1] for made in described.values[0] if len(made.values) == 2}

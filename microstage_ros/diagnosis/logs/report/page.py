@@ -63,8 +63,8 @@ def size_of(cause):
 
 
 def _per_cent(value, spread, sign=""):
-    """A share [1] and its 95 % interval in per cent, in as many decimals as half of the interval has before its second
-    digit."""
+    """A share ``value`` [1] with standard uncertainty ``spread`` [1]: it and its 95 % interval in words [%], rounded to
+    the first significant digit of the interval's half width."""
     half = 196.0 * spread
     decimals = min(max(0, -math.floor(math.log10(half))), 6) if half > 0.0 else 0
     low, high = 100.0 * value - half, 100.0 * value + half
