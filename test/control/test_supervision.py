@@ -71,26 +71,23 @@ def test_the_inertia_is_learned_from_strong_accelerations(axis, factor):
     assert float(seen[-1]["observer"]["inertia"]) == 1.0
 
 
-def test_a_limit_cycle_is_noticed_left_without_a_bump_and_ended(axis):
-    """Six times the mass on a third of the stiffness: the swing at the start outruns what is learned of the sources.
+def test_a_limit_cycle_is_noticed_left_and_ended(axis):
+    """Ten times the mass on a sixth of the stiffness: the swing of the start outruns what is learned of the sources.
 
-    In 98 of 100 records (95 %: 93 to 99.8 %; none of six: once in 10^7 times), in 97 of them by 1.2 s, in one after 2.0 s; in the others
-    the doubts were in time. All came to rest, 2 s later with at most 9 nm peak to peak and 91 nm beside the target: held to the 0.2 um
-    of `robustness`.
+    In 40 of 40 records, within 0.15 s, and 2 s later all rest with at most 41 nm peak to peak and 54 nm beside the target: held to the
+    0.2 um of `robustness`. The encoder-only law begins with the mean voltage of the swing as its integral; what the swing itself asks
+    for damps it.
     """
     reference = np.concatenate([REFERENCE, np.full(20000, 1e-5)])
-    heavy = axis.with_values({"stage.mass": 6 * 3.06, "transmission.stiffness": 4e6})
-    for seed in range(6):
+    heavy = axis.with_values({"stage.mass": 10 * 3.06, "transmission.stiffness": 2e6})
+    for seed in range(3):
         trace, seen = ride(axis, heavy, seed=seed, piece=PIECE, reference=reference)
         stage = trace[-5000:, TRACE.index("stage_m")]
         assert np.ptp(stage) < 2e-7 and abs(stage.mean() - 1e-5) < 2e-7
-        left = [memory["supervision"]["law"] == supervision.ENCODER_ONLY for memory in seen[:1200]]
-        if any(left):
-            break
-    first = left.index(True)
-    assert seen[first]["supervision"]["reason"] in (supervision.SWINGS, supervision.BESIDE, supervision.INNOVATIONS)
-    steps, at = np.abs(np.diff(trace[:, TRACE.index("voltage_V")])), first * PIECE
-    assert steps[max(at - 1, 0) : at + PIECE - 1].max() <= 1.5 * steps[max(at - 200, 0) : max(at - 1, 1)].max()
+        first = [memory["supervision"]["law"] == supervision.ENCODER_ONLY for memory in seen[:300]].index(True)
+        assert seen[first]["supervision"]["reason"] in (supervision.SWINGS, supervision.BESIDE, supervision.INNOVATIONS)
+        mean = trace[first * PIECE - 190 : first * PIECE + PIECE, TRACE.index("voltage_V")].mean()
+        assert abs(seen[first]["encoder_pid"]["integral"] - mean) < 0.35 * axis.value("drive.voltage_limit")
 
 
 def test_gains_that_faded_at_rest_come_back_where_friction_does_not_hold_the_axis(axis):

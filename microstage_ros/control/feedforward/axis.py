@@ -48,6 +48,7 @@ MODEL_FIELDS = [
     ("drive_damping", "f8"),  # N s/m of the drive train
     ("screw_ratio", "f8"),  # m per radian of the screw
     ("offset_force", "f8"),  # N
+    ("signals_per_metre", "f8"),  # 1/m, signal periods of the encoder's scale; 0: it has none
     ("top_speed", "f8"),  # m/s
     ("has_actuator", "i8"),
     ("has_guideway", "i8"),
@@ -103,6 +104,7 @@ def fill_model(record, axis):
     record["screw_ratio"] = ratio
     record["mass"] = axis.value("stage.mass")
     record["offset_force"] = axis.value("stage.offset_force")
+    record["signals_per_metre"] = 1.0 / axis.value("sensors.encoder.signal_period")
     for field, value in actuator_of(axis).feed_forward(axis).items():
         record[field] = value
     rigid = axis.choices["transmission.type"] == "rigid"

@@ -4,7 +4,8 @@ law and back.
 The observer law leans on its model of the drive. Three signs say that the model does not hold:
 
 * a limit cycle: half waves of the error (encoder alone, without its slow part) beyond `swing`, each within `half_wave`
-  of the one before: more than `swings` in a row for `cycle_time`, since a motor that rattles in a gap finds its
+  of the one before: more than `swings` in a row for `cycle_time` (`HEAVY` times that where doubts hold a heavy stage or
+  a soft drive, whose swing dies away slowly), since a motor that rattles in a gap finds its
   contact by then, and the observer its doubts (`observer.source_doubt`), or the fifth, beyond `large_swing`. Noise does
   not alternate so regularly, and a move gives one or two. At rest a smaller one is no sign: while the size of the
   error's fast part, averaged over `REST_TIME`, is beyond `rest_swing` (a sine of 0.19 um peak to peak), K_P and K_D
@@ -15,8 +16,8 @@ The observer law leans on its model of the drive. Three signs say that the model
   `position_test` or `speed_test` for `test_time`; or the error is beyond `lost` for `lost_time` while drive and stage
   are taken to be apart, which no crossing of a gap takes; or the current has been noisier than `loudest` for
   `NOISE_TIME` (normalised innovation squared; Bar-Shalom, Li, Kirubarajan, "Estimation with Applications to Tracking
-  and Navigation", Wiley 2001, section 5.4). After noise the encoder-only law is fed forward: the model of the axis
-  holds.
+  and Navigation", Wiley 2001, section 5.4). After noise, and where lost motion is known or suspected, the encoder-only
+  law is fed forward: the model of the axis holds.
 
 Then the encoder-only self-tuning law goes on from the voltage that was last given, after swings from its mean. It
 hands back once the axis has rested at its target and the innovations have been consistent for `calm_time`, and for
@@ -72,6 +73,9 @@ REASONS = (
     "the voltage acts late",
     "the current is too noisy",
 )
+# times `cycle_time`: the swings of six times the mass on a third of the stiffness have died away within 0.9 s, and the
+# encoder-only law is thrown by 80 um there
+HEAVY = 3.0
 NOISE_TIME = 0.05  # s: five times the shortest memory of the noise that is found
 LARGE_SWINGS = 4  # in a row, the last one beyond `large_swing`: no gap is that wide, and a move gives one or two
 SMOOTH_TIME, SLOW_TIME = 5e-4, 2e-2  # s, of the error's fast part
@@ -168,13 +172,14 @@ def watch_error(p, s, error, reference_speed, in_gap, voltage, period):
 
 
 @compiled
-def sign_of_trouble(p, s, position_test, speed_test, noise, period):
+def sign_of_trouble(p, s, position_test, speed_test, noise, heavy, period):
     """Why the observer law may not go on, `NOTHING` if it may; tests: normalised innovations squared [1]; ``noise``
-    [V]."""
+    [V]; ``heavy``: its doubts are those of a heavy stage or a soft drive."""
     doubted = position_test > p.position_test or speed_test > p.speed_test
     s.doubted = s.doubted + period if doubted else 0.0
     s.deaf = s.deaf + period if noise > p.loudest else 0.0
-    if s.swings > p.swings and s.swinging > p.cycle_time or abs(s.peak) > p.large_swing and s.swings > LARGE_SWINGS:
+    cycle_time = HEAVY * p.cycle_time if heavy else p.cycle_time
+    if s.swings > p.swings and s.swinging > cycle_time or abs(s.peak) > p.large_swing and s.swings > LARGE_SWINGS:
         return SWINGS
     if s.handovers > 0 and s.since < p.probation and s.rest_time_s > s.since and abs(s.smooth) > p.trial_error:
         return SWINGS

@@ -4,11 +4,12 @@ The measured current i gives the driving force F = (k_M N/r) i, and with the vol
 free of the encoder's counts and of the drive train's resonance. The axis is one mass M = m + J (N/r)^2:
 
     M dv/dt = F - (N/r) M_f(z; l) - F_g(x) - M d,      dx/dt = v,      z = x + F_g / K_c
-    encoder = x + n_x,      (u - R i_end - o) / (K_E N/r) = v + dw/dt + n_v
+    encoder = x + e + n_x,      (u - R i_end - o) / (K_E N/r) = v + dw/dt + n_v
 
 with the friction laws of the axis file run along the estimated motion, l the level of the actuator's limits, d what is
-left (a random walk), w = (F_g + m dv/dt) / K_c the wind-up of the drive train, planned along the reference. x, v and d
-follow a Kalman filter (`motion_filter`), the stage's swing is `swing`'s. The back-EMF matters: below the Stribeck
+left (a random walk), w = (F_g + m dv/dt) / K_c the wind-up of the drive train, planned along the reference, e the
+encoder's error of `interpolation`. x, v and d follow a Kalman filter (`motion_filter`), the stage's swing is `swing`'s.
+The back-EMF matters: below the Stribeck
 velocity friction falls by 34 uNm per rad/s at the motor, so speed errors of a model driven by the current alone grow
 e-fold in 3 ms. Its R, zero o and constant are learned (`learn_drive`) from what encoder and back-EMF disagree on, and
 the delay of the voltage, in whole periods, from which past voltage the current answers to.
@@ -25,6 +26,7 @@ from microstage_ros.control.observer import (
     friction_level,
     inertia,
     inertia_doubt,
+    interpolation,
     long_delay,
     lost_motion,
     motion_filter,
@@ -68,6 +70,10 @@ GAINS = (
         "doubt in the encoder at the start, over `encoder_noise`: a stage that swings is no reading of the screw",
     ),
     Gain("voltage_doubt", "1", 1.0, 100.0, 1.0, "the same of the voltage"),
+    Gain(
+        "interpolation_spread", "m", 0.0, 1e-3, 1e-8,
+        "standard deviation of the encoder's error of interpolation before anything is learned; 0: none is looked for",
+    ),
     Gain("acceleration_noise", "m/s^2/rtHz", 1e-12, 1e3, 6.0e-5, "density of what moves the axis unmodelled"),
     Gain("friction_drift", "m/s^3/rtHz", 1e-12, 1e6, 4.0e-3, "density of the random walk of d"),
     Gain("resistance_spread", "1", 0.0, 1.0, 0.1, "standard deviation of R over nominal before anything is learned"),
@@ -145,6 +151,7 @@ STATE_FIELDS = [
     *long_delay.FIELDS,
     *wind_up.FIELDS,
     *inertia_doubt.FIELDS,
+    *interpolation.FIELDS,
     ("net_force", "f8"),  # N, that accelerated the axis in the newest period, sum over its parts
     *motion_filter.FIELDS,
     *swing.FIELDS,
@@ -180,6 +187,7 @@ def observer_reset(p, s):
     s.net_force = s.force_current = 0.0
     wind_up.wind_up_reset(s)
     inertia_doubt.inertia_doubt_reset(s)
+    interpolation.interpolation_reset(p, s)
     s.voltage_noise = p.voltage_doubt * p.voltage_noise
     s.noise_variance = (p.voltage_noise / NOISE_DOUBT) ** 2
     s.running = s.last_step = 0.0
@@ -269,6 +277,7 @@ def observer_step(p, model, s, period, encoder, voltage, current):
     lost = repeats and abs(s.v) * period > REPEATED * p.encoder_noise
     moved = 0.0 if math.isnan(s.read) else encoder - s.read
     s.read = encoder
+    encoder -= interpolation.interpolation_error(p, model, s, encoder)
     before = s.v
     motion_filter.linearise(model, s)
     parts = motion_filter.parts_of(period)
@@ -324,6 +333,8 @@ def observer_step(p, model, s, period, encoder, voltage, current):
             pulls = abs(drop) > PULL * model.volts_per_torque * model.actuator[COULOMB]
             pulls = pulls and s.voltage_factor < source_doubt.GROWN * p.voltage_doubt
             pulls = pulls and source_doubt.current_follows(model, s)
+            # and so does one whose stage swings on a soft drive
+            pulls = pulls and not source_doubt.encoder_doubted(p, s)
             if lost_motion.watch_contact(
                 p, s, force, model.guideway[0], math.sqrt(doubt) / model.volts_per_velocity, pulls
             ):
@@ -355,6 +366,8 @@ def observer_step(p, model, s, period, encoder, voltage, current):
         inertia.inertia_reset(s)  # what a rattle taught of it before it was seen to be one
         if s.suspected == source_doubt.SUSPECTED_TIME:
             friction_level.level_reset(p, s)
+    if not source_doubt.lost_motion_suspected(s) and s.waves <= source_doubt.SWINGS:
+        interpolation.learn_interpolation(p, model, s, period, position, expected)
     motion_filter.take_readings(s, variance)
     correct(s, position, speed)
     if senses:

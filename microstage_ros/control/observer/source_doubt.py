@@ -12,10 +12,13 @@ believed too much:
 Every swing after the second in a row that is no smaller than the one before (`DECAY`) raises a doubt by `STEP`: that
 of the encoder where the mean square innovation of the position, over what the filter expects, is more than
 `MECHANICAL` times that of the speed, that of the voltage where it is less than `ELECTRICAL` times that, both in
-between. A swing that began below `BEGINS`, grows by more than `STEP` and hardly shows in the back-EMF (`SOFT`), a soft
-drive's in a fast move, raises the doubt in the encoder by as much as it grows, from the second half wave on: it doubles
-with every one, and `STEP` would not follow. A doubt falls back at `FADE`, slowly, so that a machine whose doubt was
-found stays near it. The doubts at the start are those that hold the axis file's own model (`design.start_check`).
+between. Where the encoder is doubted already (`encoder_doubted`: a heavy stage or a soft drive), the voltage's is
+raised only where it comes late: a law that doubts both follows neither. A swing that began below `BEGINS`, grows by
+more than `STEP` and hardly shows in the back-EMF (`SOFT`), a soft drive's in a fast move, raises the doubt in the
+encoder by as much as it grows, from the second half wave on: it doubles with every one, and `STEP` would not follow;
+a heavy stage's (`grew_from_small`) from the third on. A doubt falls back at `FADE`, slowly, so that a machine whose
+doubt was found stays near it. The doubts at the start are those that hold the axis file's own model
+(`design.start_check`).
 
 A loop whose axis is lighter than it counts with has too high a gain, and swings by that alone, in both sources. So
 while the inertia is as uncertain as at the start, and the axis slides, the doubts fall back at `RELAX`, if the
@@ -32,8 +35,8 @@ been raised. Steps of the current beyond all that the voltage's could make are n
 
 A motor that rattles in a gap of the drive makes such swings too, but they begin at the size of the gap, where a loop
 that is no longer stable swings up from the noise and the wind-up of the drive bounds its swings. So mechanical ones
-beyond `RATTLE` that smaller ones did not announce (the row is a soft drive's, or the doubt is `GROWN`), of an axis that
-does not slide too fast for a gap to open (`glides`), say that lost motion is suspected (`lost_motion_suspected`): both
+beyond `RATTLE` that smaller ones did not announce (the row is a soft drive's or grew from small ones, or the encoder is
+doubted), of an axis that does not slide too fast for a gap to open (`glides`), say that lost motion is suspected: both
 doubts go back to those of the start, the friction's level to nominal, and for `SUSPECTED_TIME` no mechanical swing
 raises a doubt, the inertia is not learned and the gains do not fade at rest in swings beyond `IN_A_GAP`. (A fast move
 that a soft drive threw may look like a rattle; the small swing that it leaves at rest ends where the gains fade.)
@@ -66,6 +69,12 @@ BEGINS = 2.5e-7
 # as `MECHANICAL`: the second half wave of a soft drive in a fast move has 17 to 54, that of heavy stages 15 at most;
 # the largest factor on a doubt of one half wave
 SOFT, LARGEST_STEP = 16.0, 3.0
+SLOWER = 1.2  # twice the mass has 1.4; a loop with too high a gain 0.6
+# A row that began below `BEGINS`, whose second half wave is below SECOND (m), and that shows in the encoder by HELD more
+# than in the back-EMF, or has more than SLOWLY half waves, is no rattle. Six times the mass on a third of the stiffness
+# has 0.34 to 0.63 um and 7 to 20 (24 records); three times the mass with a late voltage needs nine half waves to pass
+# 1 um. Looked at for harm: ends of moves through gaps of 0.1 to 1 degree (seeds 9400 to 9458)
+SECOND, HELD, SLOWLY = 7e-7, 5.0, 5
 # m, half wave of the error at rest: smaller ones cross no gap. With it the ends of 2006 moves through a gap of 1 degree
 # (`robustness --moves`, seeds 58000 to 58058 and 59000 to 59058) are the same to the last digit; with 0.6 µm 165 of
 # 1003 end more than 100 nm off in place of 151
@@ -93,6 +102,7 @@ FIELDS = [
     ("wave_peak", "f8"),  # m, largest fast innovation since its sign changed
     ("wave_before", "f8"),  # m, size of the half wave before
     ("wave_first", "f8"),  # m, size of the first in the row
+    ("wave_second", "f8"),  # m, of the second
     ("wave_time", "f8"),  # s, since then
     ("waves", "i8"),  # in a row
     ("push_power", "f8"),  # V^2, mean square of the steps of what the current answers, less the back-EMF
@@ -112,7 +122,7 @@ def doubt_reset(p, s):
     s.wave_smooth = 0.0
     s.wave_slow = 0.0
     s.wave_peak = 0.0
-    s.wave_before = s.wave_first = 0.0
+    s.wave_before = s.wave_first = s.wave_second = 0.0
     s.wave_time = 0.0
     s.waves = 0
     s.push_power = 0.0
@@ -142,6 +152,12 @@ def trust_lighter(p, s):
 def lost_motion_suspected(s):
     """Whether drive and stage rattle in a gap, known or not: then swings and accelerations say nothing of one mass."""
     return s.gap > 0.0 or s.suspected > 0.0
+
+
+@compiled
+def encoder_doubted(p, s):
+    """Whether swings have raised the doubt in the encoder as those of a heavy stage or a soft drive do."""
+    return s.encoder_factor >= GROWN * p.encoder_doubt
 
 
 @compiled
@@ -180,10 +196,12 @@ def weigh_sources(p, model, s, period, position):
     if turned:
         swings = s.waves > SWINGS or s.waves == SWINGS and swings_up(s)
         if s.drives == 1 and swings and abs(s.wave_peak) > DECAY * s.wave_before:
-            doubt_more(p, s)
+            doubt_more(p, model, s)
         s.wave_before = abs(s.wave_peak)
         if s.waves <= 1:
             s.wave_first = s.wave_before
+        if s.waves == 2:
+            s.wave_second = s.wave_before
         s.wave_peak = fast
         s.wave_time = 0.0
     elif abs(fast) > abs(s.wave_peak):
@@ -208,20 +226,33 @@ def glides(s):
 def swings_up(s):
     """Whether this half wave is one of a row that began as no gap makes it and grows, and hardly shows in the
     back-EMF."""
-    return abs(s.wave_peak) > STEP * s.wave_before and of_soft_drive(s)
+    steps = began_small(s, SOFT) or s.waves > SWINGS and grew_from_small(s)
+    return steps and abs(s.wave_peak) > STEP * s.wave_before
 
 
 @compiled
-def of_soft_drive(s):
-    """Whether the row began as no gap makes it and hardly shows in the back-EMF."""
-    return s.wave_first < BEGINS and s.position_test > SOFT * s.speed_test
+def grew_from_small(s):
+    """Whether the first two half waves of the row were smaller than those of a rattle."""
+    return s.wave_second < SECOND and began_small(s, HELD if s.waves <= SLOWLY else 0.0)
 
 
 @compiled
-def doubt_more(p, s):
+def began_small(s, ratio):
+    """Whether the row began as no gap makes it and shows in the encoder by ``ratio`` [1] more than in the back-EMF."""
+    return s.wave_first < BEGINS and s.position_test > ratio * s.speed_test
+
+
+@compiled
+def slower_than_file(model, s):
+    """Whether this half wave is longer than half a period of the file's stage on its drive, π √(m/K), by `SLOWER`."""
+    return s.wave_time > SLOWER * math.pi * math.sqrt(model.mass * model.compliance)
+
+
+@compiled
+def doubt_more(p, model, s):
     """Answer one swing."""
     late = s.position_test < ELECTRICAL * s.speed_test
-    announced = of_soft_drive(s) or s.encoder_factor >= GROWN * p.encoder_doubt
+    announced = grew_from_small(s) or began_small(s, SOFT) or encoder_doubted(p, s)
     if not late and abs(s.wave_peak) > RATTLE and not announced and not glides(s):
         s.encoder_factor, s.voltage_factor = p.encoder_doubt, p.voltage_doubt
         s.suspected = SUSPECTED_TIME
@@ -231,5 +262,6 @@ def doubt_more(p, s):
     if not late:
         step = min(abs(s.wave_peak) / s.wave_before, LARGEST_STEP) if swings_up(s) else STEP
         s.encoder_factor = min(step * s.encoder_factor, max(MOST_ENCODER, p.encoder_doubt))
-    if s.position_test < MECHANICAL * s.speed_test:
+    rings = encoder_doubted(p, s) and slower_than_file(model, s)
+    if late or s.position_test < MECHANICAL * s.speed_test and not rings:
         s.voltage_factor = min((LATE_STEP if late else STEP) * s.voltage_factor, max(MOST_VOLTAGE, p.voltage_doubt))

@@ -230,7 +230,7 @@ def test_fifth_large_swing_is_handed_over_at_once(axis):
     rule, memory = controller.parameters["supervision"], controller.memory["supervision"]
     for swings, peak, said in ((4, 2e-5, supervision.NOTHING), (5, 9e-6, supervision.NOTHING), (5, 2e-5, supervision.SWINGS)):
         memory["swings"], memory["peak"], memory["swinging"] = swings, peak, 0.02
-        assert supervision.sign_of_trouble(rule, memory, 1.0, 1.0, 0.0, 1e-4) == said
+        assert supervision.sign_of_trouble(rule, memory, 1.0, 1.0, 0.0, False, 1e-4) == said
 
 
 def test_swings_that_grow_from_small_ones_are_no_rattle_in_a_gap(axis):
@@ -242,13 +242,16 @@ def test_swings_that_grow_from_small_ones_are_no_rattle_in_a_gap(axis):
     assert max(largest) < 5e-6 and sum(value > 1.5e-6 for value in largest) <= 3
 
 
-@pytest.mark.parametrize("first, mechanical, suspected", [(0.18e-6, 100.0, False), (0.5e-6, 100.0, True), (0.18e-6, 10.0, True)])
-def test_a_rattle_begins_at_the_size_of_a_gap_or_shows_in_the_back_emf(axis, first, mechanical, suspected):
+@pytest.mark.parametrize("first, second, mechanical, waves, suspected", [
+    (0.18e-6, 0.9e-6, 100.0, 3, False), (0.5e-6, 0.6e-6, 100.0, 3, True), (0.18e-6, 0.9e-6, 10.0, 3, True),
+    (0.18e-6, 0.4e-6, 10.0, 4, False), (0.18e-6, 0.4e-6, 4.0, 4, True), (0.18e-6, 0.4e-6, 4.0, 6, False), (0.4e-6, 0.4e-6, 10.0, 4, True),
+])
+def test_a_rattle_begins_at_the_size_of_a_gap_or_shows_in_the_back_emf(axis, first, second, mechanical, waves, suspected):
     controller = make_controller(LAW, axis)
     memory = controller.memory["observer"]
-    memory["position_test"], memory["speed_test"] = mechanical, 1.0
-    memory["wave_first"], memory["wave_peak"] = first, 1.1e-6
-    source_doubt.doubt_more(controller.parameters["observer"], memory)
+    memory["position_test"], memory["speed_test"], memory["waves"] = mechanical, 1.0, waves
+    memory["wave_first"], memory["wave_second"], memory["wave_peak"] = first, second, 1.1e-6
+    source_doubt.doubt_more(controller.parameters["observer"], controller.parameters["feedforward"], memory)
     assert (memory["suspected"] > 0.0) == suspected
 
 
@@ -261,7 +264,7 @@ def test_what_swings_in_a_fast_slide_is_no_rattle(axis):
     memory["wave_peak"], memory["wave_before"], memory["wave_time"] = 1.1e-6, 0.6e-6, 3e-3  # omega A = 1.2 mm/s
     for speed, suspected in ((3e-3, False), (1e-3, True)):
         memory["v"], memory["suspected"], memory["encoder_factor"] = speed, 0.0, told["encoder_doubt"]
-        source_doubt.doubt_more(told, memory)
+        source_doubt.doubt_more(told, controller.parameters["feedforward"], memory)
         assert (memory["suspected"] > 0.0) == suspected
         assert (memory["encoder_factor"] > told["encoder_doubt"]) != suspected
 
@@ -283,7 +286,7 @@ def test_the_doubt_in_the_encoder_follows_the_growth_of_a_soft_drives_swing(axis
     memory, told = controller.memory["observer"], controller.parameters["observer"]
     memory["position_test"], memory["speed_test"], memory["encoder_factor"] = 100.0, 1.0, told["encoder_doubt"]
     memory["wave_first"], memory["wave_before"], memory["wave_peak"] = 0.05e-6, 0.1e-6, growth * 0.1e-6
-    source_doubt.doubt_more(told, memory)
+    source_doubt.doubt_more(told, controller.parameters["feedforward"], memory)
     assert memory["suspected"] == 0.0 and memory["encoder_factor"] == pytest.approx(factor * told["encoder_doubt"])
 
 

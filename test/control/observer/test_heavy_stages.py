@@ -1,0 +1,64 @@
+"""Heavy stages on soft drives, and the hand-over in a gap; what they cost before is in each docstring."""
+
+import numpy as np
+import pytest
+
+from microstage_ros.control.laws import supervision
+from microstage_ros.control.laws.controller import make_controller
+from microstage_ros.control.observer import source_doubt
+from microstage_ros.control.robustness.campaign import examine
+from microstage_ros.control.robustness.conditions import conditions
+
+LAW = "self_tuning_observer"
+
+
+def outcomes(axis, name, seeds):
+    """`Outcome` of the campaign's program by seed."""
+    condition = next(c for c in conditions(axis) if c.name == name)
+    return [examine(axis, condition, seed, LAW) for seed in seeds]
+
+
+def test_six_times_the_mass_on_a_third_of_the_stiffness_is_held(axis):
+    """84 um in every record while its swing of the start was taken for a rattle in a gap; 1.2 to 2.0 um in 57 of 60 since. More than
+    two of six beyond 5 um come once in some 400 times."""
+    found = outcomes(axis, "mass x 6, stiffness / 3", range(74000, 74006))
+    assert sum(o.largest > 5e-6 for o in found) <= 2
+    assert np.median([o.largest for o in found]) < 2.5e-6 and np.median([o.worst_settled for o in found]) < 1e-7
+    assert all(o.swing < 2e-7 and o.left < 2e-7 for o in found)
+
+
+def test_ten_times_the_mass_ends_its_moves(axis):
+    """While what rings on after a move raised the doubt in the voltage too, moves ended up to 100 nm off, with errors of 1.1 um."""
+    found = outcomes(axis, "mass x 10", range(74000, 74004))
+    assert max(o.largest for o in found) < 8e-7 and max(o.worst_settled for o in found) < 4e-8
+
+
+def test_a_gap_of_one_degree_is_crossed_fed_forward_after_a_hand_over(axis):
+    """32 um in moves of 1 mm without inertia and back-EMF in the encoder-only law; 8 to 10 since (the gap is 5.6 um wide)."""
+    found = outcomes(axis, "backlash 1 deg", range(74000, 74003))
+    assert max(o.largest for o in found) < 1.6e-5
+
+
+@pytest.mark.parametrize(
+    "mechanical, doubt, lasts, raised",
+    [(2.0, 1.0, 3e-3, True), (2.0, 3.0, 3e-3, False), (2.0, 3.0, 1e-3, True), (0.5, 3.0, 3e-3, True), (10.0, 1.0, 3e-3, False)],
+    ids=["both", "a heavy stage rings", "too high a gain", "late", "the encoder alone"],
+)
+def test_a_law_that_doubts_the_encoder_keeps_its_voltage(axis, mechanical, doubt, lasts, raised):
+    controller = make_controller(LAW, axis)
+    memory, told = controller.memory["observer"], controller.parameters["observer"]
+    memory["position_test"], memory["speed_test"], memory["encoder_factor"] = mechanical, 1.0, doubt * told["encoder_doubt"]
+    memory["wave_time"] = lasts  # s, of a half wave; the file's stage rings with 1.6 ms
+    memory["wave_first"] = memory["wave_before"] = memory["wave_peak"] = 1e-7
+    before = float(memory["voltage_factor"])
+    source_doubt.doubt_more(told, controller.parameters["feedforward"], memory)
+    assert (memory["voltage_factor"] > before) == raised
+
+
+@pytest.mark.parametrize("heavy, lasts, said", [(False, 0.7, True), (True, 0.7, False), (True, 2.0, True)])
+def test_a_swing_of_a_heavy_stage_may_die_away(axis, heavy, lasts, said):
+    controller = make_controller(LAW, axis)
+    rule, memory = controller.parameters["supervision"], controller.memory["supervision"]
+    memory["swings"], memory["peak"], memory["swinging"] = 20, 2e-6, lasts
+    reason = supervision.sign_of_trouble(rule, memory, 1.0, 1.0, 0.0, heavy, 1e-4)
+    assert reason == (supervision.SWINGS if said else supervision.NOTHING)
