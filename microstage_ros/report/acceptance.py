@@ -8,6 +8,7 @@ import math
 
 LAWS = ("self_tuning", "self_tuning_feedforward", "self_tuning_observer")
 OBSERVER = "self_tuning_observer"
+SLOW = 15e-9  # m
 SINE, FOUR_S, BIAS, INSTRUMENT, REST = 40e-9, 25e-9, 10e-9, 90e-9, 50e-9  # m
 SETTLING = {1e-6: 0.15, 1e-5: 0.15, 1e-4: 0.15, 1e-3: 0.35}  # s, median, by distance [m]
 OVERSHOOT_SHARE, OVERSHOOT = 0.05, 50e-9  # of the move, or m, whichever is larger
@@ -140,15 +141,15 @@ def _tenth_rows(found, laws):
 
 def _observer_rows(result, laws):
     """The friction observer's figures, in its own law's column."""
-    jumps = result["level_jumps"]
+    jumps, slow = result["level_jumps"], result["warmed_up"]
+    cold, warm = (max(row["worst"] for row in slow if row["after"] is after) for after in (False, True))
     figures = (
+        ("slow sines of 10 µm with loaded contacts, from the start (nm)", SLOW, cold, 1e9),
+        ("the same after a move of 1 mm and back (nm)", SLOW, warm, 1e9),
         ("friction estimate, rms (%)", FRICTION, max(f["total"] for f in result["observer"].values()), 100.0),
         ("friction 15 % up or down, seen to 2 % after (s)", LEVEL_TIME, max(f["seen"] for f in jumps), 1.0),
         ("its level 2 to 4 s later, mean error (%)", LEVEL, max(f["mean"] for f in jumps), 100.0),
     )
     for name, most, value, scale in figures:
-        yield [
-            name,
-            f"≤ {scale * most:g}",
-            *(_figure_in_words(value, most, scale, 2) if kind == OBSERVER else "–" for kind in laws),
-        ]
+        told = _figure_in_words(value, most, scale, 3 if scale == 1e9 else 2)
+        yield [name, f"≤ {scale * most:g}", *(told if kind == OBSERVER else "–" for kind in laws)]

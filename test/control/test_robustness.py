@@ -120,6 +120,15 @@ def test_moves_that_end_beside_their_target_are_counted_and_drawn_by_record():
     assert found.moves.low == 0.0 and found.moves.low < found.moves.value < 0.1 < found.moves.high <= 0.3
 
 
+@pytest.mark.parametrize("missed, value", [(5, 0.25), (20, 1.0)])
+def test_records_that_miss_equally_often_say_no_more_than_their_number(missed, value):
+    """Drawn again they give an interval of no width; ten independent cases have one of some 0.3 to 0.5."""
+    errors = np.full((10, 20), 1e-9)
+    errors[:, :missed] = 3e-7
+    found = ends_of_moves.rates_of(errors).moves
+    assert found.value == value and found.low < value - 0.1 and found.high >= min(1.0, value + 0.1)
+
+
 @pytest.mark.parametrize("number", [4028, 4059, 4168])
 def test_a_drive_of_another_resistance_is_no_worse_than_the_law_that_knows_none(axis, number):
     """A rate, as 4059 swings away in some of its records (beyond twice the other law in 5 of 40 fresh ones)."""

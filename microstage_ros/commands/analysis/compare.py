@@ -177,7 +177,7 @@ def _show(tables):
     """Print what was asked and reached, and the tables of Fig. 10 and Table 4."""
     console = Console()
     window = console.width
-    for title, header, rows, _ in tables[:6]:
+    for title, header, rows, _ in tables[:7]:
         table = Table(*header, title=title)
         for row in rows:
             table.add_row(*row)

@@ -32,6 +32,8 @@ DISTANCES = (1e-6, 1e-5, 1e-4, 1e-3)  # m, Table 4
 PAPER_4S = {1e-6: 173e-9, 1e-5: 160e-9, 1e-4: 219e-9, 1e-3: 255e-9}  # m, Table 4
 PAPER_SINE = {"pid_feedforward": 500e-9, "self_tuning": 150e-9}  # m, section 5.4
 TRACKING_SINE = (1e-5, 0.03)  # m, Hz: Fig. 10
+SLOW_SINES = (0.25, 0.1, 0.03)  # Hz, of 10 um, from the start and after a move of `FAST_MOVE` there and back
+FAST_MOVE = 1e-3  # m
 SINES = tuple(  # m, Hz: 1 um ... 1 mm, 0.03 ... 1 Hz, up to 2 mm/s
     (a, f) for a in (1e-6, 1e-5, 1e-4, 1e-3) for f in (0.03, 0.1, 0.3, 1.0) if a * f < 5e-4
 )
@@ -93,6 +95,7 @@ def compare(axis, extent=Extent(), controllers=CONTROLLERS, jobs=1, progress=Non
     evaluation = Evaluation(axis, extent, jobs, progress, elsewhere)
     result = {"controllers": list(controllers), "seeds": extent.seeds, "moves": extent.moves}
     result["tracking"] = tracking(evaluation, controllers)
+    result["warmed_up"] = warmed_up(evaluation)
     result["positioning"] = positioning(evaluation, controllers)
     result["rest"] = rest(evaluation, controllers)
     result["sines"] = sines(evaluation)
@@ -128,6 +131,30 @@ def tracking(evaluation, controllers):
                 "reference": columns["reference_m"],
             },
         }
+    return found
+
+
+def warmed_up(evaluation, frequencies=SLOW_SINES):
+    """Observer law: peak [m] of slow sines from the start, and once a fast move has told the encoder's interpolation.
+
+    ``frequencies`` [Hz]. Rows {frequency, after, median, worst}; ``after``: whether a move came before.
+    """
+    evaluation.progress("slow sines after a fast move")
+    fast = [{"move_to_m": place, "dwell_s": 0.2} for place in (FAST_MOVE, 0.0)]
+
+    def one(job):
+        frequency, after, seed = job
+        sine = [{"sine": {"amplitude_m": TRACKING_SINE[0], "frequency_hz": frequency, "cycles": 1.0}}]
+        columns = trial(evaluation.axis, "self_tuning_observer", {}, [*(fast if after else ()), *sine], seed)
+        rows = round(0.75 / frequency / columns["t_s"][1])  # without the first quarter
+        return float(np.abs(columns["stage_m"] - columns["reference_m"])[-rows:].max())
+
+    found = []
+    for frequency in frequencies:
+        for after in (False, True):
+            peaks = evaluation.each(one, [(frequency, after, seed) for seed in range(evaluation.extent.seeds)])
+            found.append({"frequency": frequency, "after": after, "median": float(np.median(peaks)),
+                          "worst": max(peaks)})
     return found
 
 

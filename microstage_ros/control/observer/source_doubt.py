@@ -9,16 +9,16 @@ believed too much:
     swing: a half wave of the position's innovation (without its slow part) beyond `WAVE` doubts, shorter than
     `HALF_WAVE`
 
-Every swing after the second in a row that is no smaller than the one before (`DECAY`) raises a doubt by `STEP`: that
-of the encoder where the mean square innovation of the position, over what the filter expects, is more than
-`MECHANICAL` times that of the speed, that of the voltage where it is less than `ELECTRICAL` times that, both in
-between. Where the encoder is doubted already (`encoder_doubted`: a heavy stage or a soft drive), the voltage's is
-raised only where it comes late: a law that doubts both follows neither. A swing that began below `BEGINS`, grows by
-more than `STEP` and hardly shows in the back-EMF (`SOFT`), a soft drive's in a fast move, raises the doubt in the
-encoder by as much as it grows, from the second half wave on: it doubles with every one, and `STEP` would not follow;
-a heavy stage's (`grew_from_small`) from the third on. A doubt falls back at `FADE`, slowly, so that a machine whose
-doubt was found stays near it. The doubts at the start are those that hold the axis file's own model
-(`design.start_check`).
+Every swing after the second in a row that is no smaller than the one before (`DECAY`) raises a doubt by `STEP`: that of
+the encoder where the mean square innovation of the position, over what the filter expects, is more than `MECHANICAL`
+times that of the speed, that of the voltage where it is less than `ELECTRICAL` times that, both in between. Where the
+encoder is doubted already and the stage rings more slowly than the file's (`slower_than_file`: a heavy stage or a soft
+drive), the voltage's is raised only where it comes late: a law that doubts both follows neither. A swing that began
+below `BEGINS`, grows by more than `STEP` and hardly shows in the back-EMF (`SOFT`), a soft drive's in a fast move,
+raises the doubt in the encoder by as much as it grows, from the second half wave on: it doubles with every one, and
+`STEP` would not follow; a heavy stage's (`grew_from_small`) from the third on. A doubt falls back at `FADE`, slowly, so
+that a machine whose doubt was found stays near it. The doubts at the start are those that hold the axis file's own
+model (`design.start_check`).
 
 A loop whose axis is lighter than it counts with has too high a gain, and swings by that alone, in both sources. So
 while the inertia is as uncertain as at the start, and the axis slides, the doubts fall back at `RELAX`, if the
@@ -69,11 +69,11 @@ BEGINS = 2.5e-7
 # as `MECHANICAL`: the second half wave of a soft drive in a fast move has 17 to 54, that of heavy stages 15 at most;
 # the largest factor on a doubt of one half wave
 SOFT, LARGEST_STEP = 16.0, 3.0
-SLOWER = 1.2  # twice the mass has 1.4; a loop with too high a gain 0.6
-# A row that began below `BEGINS`, whose second half wave is below SECOND (m), and that shows in the encoder by HELD more
-# than in the back-EMF, or has more than SLOWLY half waves, is no rattle. Six times the mass on a third of the stiffness
-# has 0.34 to 0.63 um and 7 to 20 (24 records); three times the mass with a late voltage needs nine half waves to pass
-# 1 um. Looked at for harm: ends of moves through gaps of 0.1 to 1 degree (seeds 9400 to 9458)
+SLOWER = 1.2  # of that half period: twice the mass has 1.4, a loop with four times the gain 0.6
+# m, second half wave of a row, and how much more the encoder shows of it than the back-EMF (as `SOFT`): six times the
+# mass on a third of the stiffness has 0.34 to 0.63 um and 7 to 20 (24 records). After more than SLOWLY half waves the
+# latter does not count: three times the mass with a late voltage needs nine to pass 1 um. Calibrated on those and on
+# the ends of moves through gaps of 0.1 to 1 degree (seeds 9400 to 9458), which a first half wave up to 0.45 um spoils
 SECOND, HELD, SLOWLY = 7e-7, 5.0, 5
 # m, half wave of the error at rest: smaller ones cross no gap. With it the ends of 2006 moves through a gap of 1 degree
 # (`robustness --moves`, seeds 58000 to 58058 and 59000 to 59058) are the same to the last digit; with 0.6 µm 165 of

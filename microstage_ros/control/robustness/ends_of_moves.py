@@ -83,9 +83,11 @@ def rates_of(errors):
 
 
 def _interval(per_record, moves):
-    """95 % interval of the rate of misses by drawing records again; the exact one of the records where none missed."""
-    if not per_record.any():
-        return 0.0, rate(0, len(per_record)).high
+    """95 % interval of the rate of misses by drawing records again; where all records missed equally often, which drawn
+    again say nothing, that of as many independent cases as there are records."""
+    if np.ptp(per_record) == 0:
+        exact = rate(round(len(per_record) * float(per_record[0]) / moves), len(per_record))
+        return exact.low, exact.high
     generator = np.random.default_rng(17)
     drawn = per_record[generator.integers(0, len(per_record), (DRAWS, len(per_record)))].mean(axis=1) / moves
     return tuple(float(end) for end in np.quantile(drawn, (0.025, 0.975)))
