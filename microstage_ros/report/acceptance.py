@@ -151,5 +151,5 @@ def _observer_rows(result, laws):
         ("its level 2 to 4 s later, mean error (%)", LEVEL, max(f["mean"] for f in jumps), 100.0),
     )
     for name, most, value, scale in figures:
-        told = _figure_in_words(value, most, scale, 3 if scale == 1e9 else 2)
-        yield [name, f"≤ {scale * most:g}", *(told if kind == OBSERVER else "–" for kind in laws)]
+        cell = _figure_in_words(value, most, scale, 3 if scale == 1e9 else 2)
+        yield [name, f"≤ {scale * most:g}", *(cell if kind == OBSERVER else "–" for kind in laws)]
