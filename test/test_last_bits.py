@@ -9,9 +9,10 @@ import pytest
 
 from microstage_ros.commands.project import test as command
 from microstage_ros.model.axis_file import load_axis
-from microstage_ros.places import config_file
+from microstage_ros.places import SOURCE, config_file
 from microstage_ros.quantities.errors import InputError
 from microstage_ros.solver.plant import make_plant, new_state
+from test.commit_set import LEFT_OUT
 from test.last_bits import FLAGS, RELATIVE, USUAL, wrapped
 
 
@@ -36,6 +37,28 @@ def test_options_of_the_command_become_the_plugins():
     assert command._other_trajectories(arguments := ["-k", "x"]) == {} and arguments == ["-k", "x"]
     with pytest.raises(InputError, match="whole number"):
         command._other_trajectories(["--seeds", "few"])
+
+
+@pytest.mark.parametrize("arguments, left_out", [
+    ([], True), (["-x"], True), (["-n", "2"], True), (["--all"], False), (["-k", "gap"], False), (["--seeds", "2"], False),
+    (["test/control"], False), (["test/test_last_bits.py::test_last_bits_differ_and_nothing_else"], False),
+])
+def test_a_commit_waits_for_no_long_test_and_a_choice_runs_all_it_names(arguments, left_out):
+    assert (command._commit_set(arguments) == {"MICROSTAGE_COMMIT_SET": "1"}) == left_out
+    assert "--all" not in arguments
+
+
+def test_what_a_commit_leaves_out_is_there():
+    """A test that was renamed would be run at every commit again; few are left out, and none of a whole file."""
+    listed = [f"test/{file}::{name}" for file, names in LEFT_OUT.items() for name in names]
+    assert len(listed) < 60
+    files = [f"test/{file}" for file in LEFT_OUT]
+    answer = subprocess.run([sys.executable, "-m", "pytest", "--collect-only", "-p", "no:cacheprovider", *files], cwd=SOURCE, text=True,
+                            capture_output=True, timeout=300)
+    there = answer.stdout.splitlines()
+    assert not set(listed) - set(there)
+    for file, names in LEFT_OUT.items():
+        assert len(names) < sum(line.startswith(f"test/{file}::") for line in there)
 
 
 def test_modules_that_conftest_imports_get_the_other_trajectories(monkeypatch):

@@ -11,11 +11,12 @@ from microstage_ros.numerics.compiled import cache_folder
 from microstage_ros.places import SOURCE
 from microstage_ros.quantities.errors import InputError
 
-USAGE = """usage: microstage test [--last-bits] [--seeds K] [options of pytest]
+USAGE = """usage: microstage test [--all] [--last-bits] [--seeds K] [options of pytest]
 
-All the tests, two at a time on two processors, else three. Examples:
-microstage test test/ros   microstage test -k lockstep -n 0
+The tests that a commit has to pass, two at a time on two processors, else three. Examples:
+microstage test --all   microstage test test/ros   microstage test -k lockstep -n 0
 
+  --all        also the long ones of test/commit_set.py, which any other choice of tests includes
   --last-bits  simulated machines begin with last bits that differ (by 10^-15), as on another processor
   --seeds K    every noise of simulated machines from the K-th other set of seeds, K = 1, 2, ...
 """
@@ -43,7 +44,7 @@ def main(argv=None):
     except environment.Failure as failure:
         print(f"microstage: {failure}", file=sys.stderr)
         return 1
-    variables = _other_trajectories(arguments)
+    variables = _commit_set(arguments) | _other_trajectories(arguments)
     options = arguments
     # Tests of one file may share a cell, so a file stays with one worker. A cell computes as long as its test waits,
     # which takes longer with a third worker on two processors.
@@ -68,6 +69,15 @@ def _compile_first(variables):
             processes.append(subprocess.Popen(command, cwd=SOURCE, env=variables))
     for process in processes:
         process.wait()
+
+
+def _commit_set(arguments):
+    """Environment of `test/conftest.py` where no test is chosen; ``--all`` is taken out of ``arguments``."""
+    chosen = bool({"--all", "-k", "-m", "--seeds", "--last-bits"} & set(arguments))
+    chosen = chosen or any(os.path.exists(SOURCE / place.partition("::")[0]) for place in arguments)
+    if "--all" in arguments:
+        arguments.remove("--all")
+    return {} if chosen else {"MICROSTAGE_COMMIT_SET": "1"}
 
 
 def _other_trajectories(arguments):

@@ -1,0 +1,78 @@
+"""Tests that a commit does not wait for: each costs 6 to 60 s of a processor, and shorter ones beside it show the same.
+
+`./microstage test` leaves them out where it is given neither a test nor a choice; `./microstage test --all`, another set of seeds,
+and every file that is named run them too.
+"""
+
+LEFT_OUT = {
+    "commands/test_mutation.py": ("test_tests_of_something_else_notice_nothing",),
+    "commissioning/test_law_choice.py": ("test_slow_motion_has_a_say",),
+    "commissioning/test_programme.py": ("test_friction_that_varies_slowly_is_in_the_intervals",),
+    "control/runs/test_coarse_fine.py": ("test_each_component_is_diagnosed",),
+    "control/test_robustness.py": (
+        "test_a_drive_of_another_resistance_is_no_worse_than_the_law_that_knows_none[4028]",
+        "test_a_drive_of_another_resistance_is_no_worse_than_the_law_that_knows_none[4168]",
+    ),
+    "diagnosis/cases/test_beside_a_larger_one.py": (
+        "test_the_time_of_a_slow_amplifier_and_the_motors_speed_are_found_together",
+        "test_a_payload_on_a_soft_drive_are_two_causes[sines-9920]",
+        "test_a_payload_is_no_soft_drive[effects2-74-names2]",
+    ),
+    "diagnosis/cases/test_default_law.py": (
+        "test_two_faults_of_the_amplifier_are_told_with_their_sizes[effects0-58010]",
+        "test_two_faults_of_the_amplifier_are_told_with_their_sizes[effects1-59010]",
+        "test_two_faults_of_the_amplifier_are_told_with_their_sizes[effects3-71060]",
+        "test_two_faults_of_the_amplifier_are_told_with_their_sizes[effects4-62010]",
+        "test_a_lag_is_told_though_the_law_feeds_back_the_current[0.00036-420]",
+        "test_a_slow_amplifier_between_long_rests_is_no_gap[actuator_lag-time_s-0.00058]",
+    ),
+    "diagnosis/cases/test_diagnose_case.py": (
+        "test_slow_amplifier_and_offset",
+        "test_creep_beside_a_vibration_of_the_floor[6e-08-least1]",
+        "test_two_causes_of_other_shape_than_the_candidates",
+        "test_a_sensor_that_not_all_records_have_is_not_used[baseline]",
+    ),
+    "diagnosis/cases/test_every_verdict.py": ("test_a_nameless_force_beside_an_encoder_error_is_only_partly_explained",),
+    "diagnosis/cases/test_force_axis.py": ("test_names_of_fresh_seeds",),
+    "diagnosis/cases/test_jitter.py": (
+        "test_jitter_and_lost_samples_have_their_own_sizes[4-0.0-0.04]",
+        "test_jitter_and_lost_samples_have_their_own_sizes[5-2e-05-0.05]",
+    ),
+    "diagnosis/cases/test_lost_motion.py": ("test_a_soft_drive_that_hangs_back_is_no_gap_however_fine_the_encoder",),
+    "diagnosis/cases/test_moves_with_rests.py": (
+        "test_what_was_told_with_a_wrong_name_beside_it_is_named_alone[self_tuning-plain-effects0-21530]",
+        "test_what_was_told_with_a_wrong_name_beside_it_is_named_alone[self_tuning_observer-half a stroke-effects2-22590]",
+        "test_what_was_told_with_a_wrong_name_beside_it_is_named_alone[self_tuning_observer-half a stroke-effects3-22680]",
+    ),
+    "diagnosis/cases/test_position_drives.py": (
+        "test_a_hidden_effect_is_named_and_sized[stepper-lvdt_nonlinearity]",
+        "test_a_hidden_effect_is_named_and_sized[stepper-sensor_drift]",
+        "test_a_hidden_effect_is_named_and_sized[piezo-sensor_drift]",
+    ),
+    "diagnosis/cases/test_unlisted_forms.py": (
+        "test_a_ripple_a_signal_period_and_a_drift_that_are_on_no_list",
+        "test_a_soft_drive_with_more_damping",
+    ),
+    "diagnosis/logs/test_many.py": ("test_a_killed_worker_loses_nothing",),
+    "diagnosis/preprocessing/test_motion_on_a_soft_drive.py": (
+        "test_no_friction_is_named_beside_a_drive_on_which_the_loop_swings",
+    ),
+    "diagnosis/prerequisites/test_characteristic.py": (
+        "test_gap_and_soft_drive_are_both_named_and_no_friction_beside_them[gap and soft drive]",
+        "test_no_straight_line_is_seen_where_there_is_a_gap_or_no_swing[a loop that rests]",
+        "test_a_rattle_tells_gap_stiffness_and_damping_at_once[gap and soft drive-0.0362-0.89-0.025]",
+        "test_a_rattle_tells_gap_stiffness_and_damping_at_once[gap and payload-0.598-0.598-0.002]",
+        "test_a_drive_that_swings_without_a_gap_has_none[payload]",
+    ),
+    "diagnosis/prerequisites/test_law.py": (
+        "test_a_law_that_is_not_asked_for_is_nearer_to_one_that_is[1]",
+        "test_a_machine_of_another_law_is_judged_by_that_law[leuven-2]",
+    ),
+    "diagnosis/resimulation/test_noise.py": ("test_a_drift_far_below_the_noise_is_sought_where_noise_alone_is_left",),
+    "identification/test_identify_command.py": ("test_a_stage_that_rattles_in_a_gap_is_told_beside_the_errors",),
+    "identification/test_motor.py": ("test_attraction_and_its_interval_over_six_axes[1.0]",),
+    "monitoring/test_watch_command.py": (
+        "test_a_history_that_was_begun_with_other_sensors_says_so",
+        "test_records_of_unlike_sensors_are_judged_by_what_all_have",
+    ),
+}
