@@ -276,7 +276,7 @@ def test_a_version_with_a_point_beside_decimal_commas_is_no_mixture(tmp_path):
     assert np.allclose(read_table(path, described()).columns["x"], x, atol=1e-4)
 
 
-@pytest.mark.parametrize("separator, remark", [(";", "axes 1,2 see 3,4"), ("\t", "axes:1,2;3,4")])
+@pytest.mark.parametrize("separator, remark", [(";", "axes 1,2 see 3,4"), ("\t", "axes:1,2;3,4"), ("\t", "axes 1 2 3 4 5 6 7 8")])
 def test_commas_in_texts_beside_decimal_points_are_no_mixture(tmp_path, separator, remark):
     t, x, i = rows()
     path = tmp_path / "log.csv"

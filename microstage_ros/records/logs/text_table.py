@@ -78,7 +78,8 @@ def number_of(field):
 
 
 def find_separator(lines):
-    """The character that separates the fields of most lines into the same number of parts, more than one."""
+    """The character that separates the fields of most lines into the same number of parts, more than one: a tab where
+    it does so in nearly all, since texts between tabs have blanks and commas of their own."""
     best, score = ",", 0.0
     for separator in ("\t", ";", ",", " "):
         counts = [len(fields_of(line, separator)) for line in lines]
@@ -88,6 +89,8 @@ def find_separator(lines):
         common = int(values[np.argmax(times)])
         rows = [fields_of(line, separator) for line in lines]
         numbers = sum(number_of(f) is not None for row in rows if len(row) == common for f in row)
+        if separator == "\t" and numbers > 0 and times.max() >= 0.9 * len(lines):
+            return separator
         if numbers > score * 1.001:
             best, score = separator, numbers
     return best
