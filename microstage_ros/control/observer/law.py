@@ -366,7 +366,9 @@ def observer_step(p, model, s, period, encoder, voltage, current):
         inertia.inertia_reset(s)  # what a rattle taught of it before it was seen to be one
         if s.suspected == source_doubt.SUSPECTED_TIME:
             friction_level.level_reset(p, s)
-    if not source_doubt.lost_motion_suspected(s) and s.waves <= source_doubt.SWINGS:
+    if source_doubt.lost_motion_suspected(s) or s.waves > source_doubt.SWINGS:
+        s.fast_turns = 0.0
+    else:
         interpolation.learn_interpolation(p, model, s, period, position, expected)
     motion_filter.take_readings(s, variance)
     correct(s, position, speed)

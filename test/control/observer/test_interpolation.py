@@ -56,7 +56,8 @@ def test_coefficients_of_readings_with_a_known_error(axis):
     for place, reading in zip(places, readings):
         take(p, model, s, 1e-4, place, reading, 1e-16)
     passed = math.ceil(interpolation.FIRST_TURNS * 1e-5 / 4e-7) - 1
-    a, b = shape[passed:] / 1e-8, readings[passed:] / 1e-8
+    together = interpolation.CORRELATED / 1e-4  # readings that count as one
+    a, b = shape[passed:] / 1e-8 / math.sqrt(together), readings[passed:] / 1e-8 / math.sqrt(together)
     fitted = np.linalg.solve(a.T @ a + np.eye(4) / 1e-16, a.T @ b)
     np.testing.assert_allclose(s["interpolation"], fitted, atol=1.5e-10)
     spread = np.sqrt(np.diag(np.linalg.inv(a.T @ a + np.eye(4) / 1e-16)))
@@ -81,11 +82,11 @@ def test_moves_of_one_signal_period_teach_nothing(axis):
 
 @pytest.mark.parametrize("amplitudes", [[5e-9, 2.5e-9], [50e-9, 20e-9], [0.0, 0.0]], ids=["shipped", "ten times", "none"])
 def test_the_machine_s_own_error_is_learned(axis, amplitudes):
-    """Four moves of 1 mm: every coefficient within 2 nm, or 5 % of a large one."""
+    """Four moves of 1 mm: every coefficient within 2 nm, or 15 % of a large one."""
     for seed in range(3):
         found = memory_after(axis, FAST, seed, with_error(axis, amplitudes))["interpolation"]
         expected = [amplitudes[0], 0.0, amplitudes[1], 0.0]
-        assert np.abs(found - expected).max() < max(2e-9, 0.05 * amplitudes[0])
+        assert np.abs(found - expected).max() < max(2e-9, 0.15 * amplitudes[0])
 
 
 def test_a_machine_that_is_heavier_does_not_feign_one(axis):
