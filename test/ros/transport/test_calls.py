@@ -18,7 +18,7 @@ def test_calls_run_in_the_group_and_answer_where_they_were_asked_for():
             under_way.append(number)
             together.append(len(under_way))
             under_way.remove(number)
-            return number, threading.get_ident()
+            return number, threading.current_thread()  # an ended thread's number goes to the next one
 
         executor = MultiThreadedExecutor(4)
         executor.add_node(node)
@@ -38,7 +38,7 @@ def test_calls_run_in_the_group_and_answer_where_they_were_asked_for():
         executor.shutdown()
         thread.join(10.0)
     assert sorted(number for number, _ in answers) == list(range(40)) and set(together) == {1}
-    assert not {ident for _, ident in answers} & {asker.ident for asker in askers}
+    assert not {thread for _, thread in answers} & set(askers)
 
 
 def asked(every):
