@@ -8,7 +8,7 @@ import math
 
 LAWS = ("self_tuning", "self_tuning_feedforward", "self_tuning_observer")
 OBSERVER = "self_tuning_observer"
-SLOW = 15e-9  # m
+SLOW = 15e-9  # m, slow sines from loaded contacts
 SINE, FOUR_S, BIAS, INSTRUMENT, REST = 40e-9, 25e-9, 10e-9, 90e-9, 50e-9  # m
 SETTLING = {1e-6: 0.15, 1e-5: 0.15, 1e-4: 0.15, 1e-3: 0.35}  # s, median, by distance [m]
 OVERSHOOT_SHARE, OVERSHOOT = 0.05, 50e-9  # of the move, or m, whichever is larger

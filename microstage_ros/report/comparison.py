@@ -77,13 +77,17 @@ def comparison_page(result, paper_four_s, paper_sine, configuration, seed):
         "One curve of error against time per controller",
     )
     page.table(*tables[1][1:3])
+    title, header, rows, remark = tables[2]
+    page.section(title)
+    page.table(header, rows)
+    page.note(remark)
     page.section("Moves (Fig. 11)")
     page.figure(
         moves_figure(result),
         "First forward move, approach to the target, distance by distance.",
         "Distance from the target against time for four distances",
     )
-    for title, header, rows, remark in tables[2:]:
+    for title, header, rows, remark in tables[3:]:
         page.section(title)
         page.table(header, rows)
         if remark:

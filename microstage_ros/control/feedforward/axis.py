@@ -48,7 +48,7 @@ MODEL_FIELDS = [
     ("drive_damping", "f8"),  # N s/m of the drive train
     ("screw_ratio", "f8"),  # m per radian of the screw
     ("offset_force", "f8"),  # N
-    ("signals_per_metre", "f8"),  # 1/m, signal periods of the encoder's scale; 0: it has none
+    ("signals_per_metre", "f8"),  # 1/m, signal periods of the encoder's scale; 0: nothing is looked for
     ("top_speed", "f8"),  # m/s
     ("has_actuator", "i8"),
     ("has_guideway", "i8"),

@@ -74,7 +74,7 @@ REASONS = (
     "the current is too noisy",
 )
 # times `cycle_time`: the swings of six times the mass on a third of the stiffness have died away within 0.9 s, and the
-# encoder-only law is thrown by 80 um there
+# encoder-only law is thrown by 80 um there: calibrated with `robustness --only "mass x 6, stiffness / 3"`
 HEAVY = 3.0
 NOISE_TIME = 0.05  # s: five times the shortest memory of the noise that is found
 LARGE_SWINGS = 4  # in a row, the last one beyond `large_swing`: no gap is that wide, and a move gives one or two
