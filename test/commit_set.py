@@ -1,8 +1,10 @@
 """Tests that a commit does not wait for: each costs 6 to 60 s of a processor, and shorter ones beside it show the same.
 
 `./microstage test` leaves them out where it is given neither a test nor a choice; `./microstage test --all`, another set of seeds,
-and every file that is named run them too.
+and every file that is named run them too. A pytest plugin: `-p test.commit_set`.
 """
+
+import pytest
 
 LEFT_OUT = {
     "commands/test_mutation.py": ("test_tests_of_something_else_notice_nothing",),
@@ -76,3 +78,13 @@ LEFT_OUT = {
         "test_records_of_unlike_sensors_are_judged_by_what_all_have",
     ),
 }
+
+
+def pytest_collection_modifyitems(config, items):
+    """Leave out what is listed. Raises UsageError: a listed test is not there, renamed perhaps."""
+    named = {f"test/{file}::{name}" for file, names in LEFT_OUT.items() for name in names}
+    left = [item for item in items if item.nodeid in named]
+    if len(left) < len(named):
+        raise pytest.UsageError(f"test/commit_set.py: no such test: {sorted(named - {item.nodeid for item in left})}")
+    config.hook.pytest_deselected(items=left)
+    items[:] = [item for item in items if item.nodeid not in named]

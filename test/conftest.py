@@ -12,8 +12,6 @@ from pathlib import Path
 
 import pytest
 
-from test.commit_set import LEFT_OUT
-
 gc.disable()
 
 BEGAN = time.time()
@@ -38,18 +36,10 @@ LONGEST = (
 )
 
 
-def pytest_collection_modifyitems(config, items):
-    """Sort by file; tests of one file stay together and in their order. For a commit, `LEFT_OUT` are not run."""
+def pytest_collection_modifyitems(items):
+    """Sort by file; tests of one file stay together and in their order."""
     rank = {f"test/{name}.py": place for place, name in enumerate(LONGEST)}
     items.sort(key=lambda item: rank.get(item.nodeid.partition("::")[0], len(rank)))
-    if os.environ.get("MICROSTAGE_COMMIT_SET") != "1":
-        return
-    named = {f"test/{file}::{name}" for file, names in LEFT_OUT.items() for name in names}
-    left = [item for item in items if item.nodeid in named]
-    if len(left) < len(named):
-        raise pytest.UsageError(f"test/commit_set.py: no such test: {sorted(named - {item.nodeid for item in left})}")
-    config.hook.pytest_deselected(items=left)
-    items[:] = [item for item in items if item.nodeid not in named]
 
 
 def pytest_collection_finish():

@@ -44,7 +44,7 @@ def test_options_of_the_command_become_the_plugins():
     (["test/control"], False), (["test/test_last_bits.py::test_last_bits_differ_and_nothing_else"], False),
 ])
 def test_a_commit_waits_for_no_long_test_and_a_choice_runs_all_it_names(arguments, left_out):
-    assert (command._commit_set(arguments) == {"MICROSTAGE_COMMIT_SET": "1"}) == left_out
+    assert (command._commit_set(arguments) == ["-p", "test.commit_set"]) == left_out
     assert "--all" not in arguments
 
 

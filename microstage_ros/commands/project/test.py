@@ -44,8 +44,8 @@ def main(argv=None):
     except environment.Failure as failure:
         print(f"microstage: {failure}", file=sys.stderr)
         return 1
-    variables = _commit_set(arguments) | _other_trajectories(arguments)
-    options = arguments
+    options = arguments = _commit_set(arguments) + arguments
+    variables = _other_trajectories(arguments)
     # Tests of one file may share a cell, so a file stays with one worker. A cell computes as long as its test waits,
     # which takes longer with a third worker on two processors.
     if importlib.util.find_spec("xdist"):
@@ -72,12 +72,15 @@ def _compile_first(variables):
 
 
 def _commit_set(arguments):
-    """Environment of `test/conftest.py` where no test is chosen; ``--all`` is taken out of ``arguments``."""
+    """Options that put in `test/commit_set.py` where no test is chosen; ``--all`` is taken out of ``arguments``.
+
+    An option and no variable: tests that run pytest themselves would inherit it.
+    """
     chosen = bool({"--all", "-k", "-m", "--seeds", "--last-bits"} & set(arguments))
     chosen = chosen or any(os.path.exists(SOURCE / place.partition("::")[0]) for place in arguments)
     if "--all" in arguments:
         arguments.remove("--all")
-    return {} if chosen else {"MICROSTAGE_COMMIT_SET": "1"}
+    return [] if chosen else ["-p", "test.commit_set"]
 
 
 def _other_trajectories(arguments):
