@@ -68,7 +68,7 @@ def test_a_drive_that_swings_without_a_gap_has_none(prepared, drive):
         assert found.left == pytest.approx(fit(windows, drive, SIZES[1:]).left, rel=0.01)
 
 
-@of_case("gap and soft drive", "a loop that rests")
+@of_case("gap", "gap and soft drive", "a loop that rests")
 def test_no_straight_line_is_seen_where_there_is_a_gap_or_no_swing(prepared, drive):
     assert not shows_no_gap(prepared, drive)
 
@@ -101,7 +101,7 @@ def test_the_offset_is_told_on_the_flanks_and_bridged_between(drive):
     assert np.abs(without[settled] + start).max() > 0.4 * gap      # the gap is what makes them agree
 
 
-@of_case("a loop that rests")
+@of_case("gap")
 def test_a_window_without_force_both_ways_tells_nothing(prepared, drive):
     record = prepared["base"][0]
     one_way = dataclasses.replace(record, stage=np.linspace(0.0, 1.0e-3, len(record.time)))
