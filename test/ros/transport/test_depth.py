@@ -14,7 +14,7 @@ from ros_support import PATIENCE_S, ros_node, spin_until
 from microstage_ros.ros.transport import topics
 
 HELD_UP = """
-import microstage_ros.ros, rclpy
+import microstage_ros.ros, rclpy, time
 from microstage_msgs.msg import AxisState
 from microstage_ros.ros.transport import topics
 from microstage_ros.ros.transport.servo_path import ServoGroup, reader_qos
@@ -22,6 +22,9 @@ rclpy.init()
 node = rclpy.create_node("held_up", namespace="/axis")
 kept = node.create_subscription(AxisState, topics.STATE, lambda raw: None, reader_qos(topics.DEPTH, reliable={}),
                                 callback_group=ServoGroup(), raw=True)
+while kept.get_publisher_count() == 0:      # what is sent before the reader knows its writer is not kept
+    time.sleep(0.01)
+print("matched", flush=True)
 input()
 first = kept.handle.take_message(AxisState, False)
 print(first[0].sequence, flush=True)
@@ -51,6 +54,7 @@ def test_the_oldest_go_where_a_reader_of_states_is_held_up(reliable):
                                    stdout=subprocess.PIPE, text=True)
         try:
             spin_until(node, lambda: states.get_subscription_count() == 1)
+            assert process.stdout.readline() == "matched\n"
             spin_until(node, lambda: reading_threads(process.pid))
             sent = 3 * topics.DEPTH // 2
             for sequence in range(sent):
