@@ -141,7 +141,7 @@ def _tenth_rows(found, laws):
 
 def _observer_rows(result, laws):
     """The friction observer's figures, in its own law's column."""
-    jumps, slow = result["level_jumps"], result["warmed_up"]
+    jumps, slow = result["level_jumps"], result["slow_sines"]
     cold, warm = (max(row["worst"] for row in slow if row["after"] is after) for after in (False, True))
     figures = (
         ("slow sines of 10 µm with loaded contacts, from the start (nm)", SLOW, cold, 1e9),

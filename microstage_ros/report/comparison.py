@@ -31,7 +31,7 @@ def comparison_tables(result, paper_four_s, paper_sine):
     return [
         floors_table(result),
         _tracking(result, paper_sine),
-        _warmed_up(result),
+        _slow_sines(result),
         *_positioning(result, paper_four_s),
         _sines(result),
         *_stress(result),
@@ -104,11 +104,11 @@ def _tracking(result, paper):
     return "Sine of 10 µm at 0.03 Hz (Fig. 10)", header, rows, ""
 
 
-def _warmed_up(result):
+def _slow_sines(result):
     rows = [
         [f"{row['frequency']:g} Hz", "after a move of 1 mm and back" if row["after"] else "from the start",
          nm(row["median"]), nm(row["worst"])]
-        for row in result["warmed_up"]
+        for row in result["slow_sines"]
     ]
     title = "Observer law, slow sines of 10 µm before and after a fast move (nm)"
     return title, ["sine", "", "median", "worst"], rows, (

@@ -20,7 +20,7 @@ GOOD = {
     "weak_start": {LAW: [1.0, 1.0, 1.0], "guarded_pid": [2.0, 2.0, 2.0], "kept_pid": [1.5, 1.5, 1.5], "best_pid": [1.0, 1.0, 1.0]},
     "observer": {"sine": {"total": 0.02}},
     "level_jumps": [{"seen": 0.2, "mean": 0.01, "rms": 0.015}],
-    "warmed_up": [{"after": after, "worst": 1.4e-8} for after in (False, True)],
+    "slow_sines": [{"after": after, "worst": 1.4e-8} for after in (False, True)],
 }
 
 
@@ -44,8 +44,8 @@ def test_nothing_is_missed():
     (("stress", "payload", LAW, "learned_peak"), 2.1e-8, "stress: sine, third cycle, within twice nominal", "0 of 1 (no)"),
     (("stress", "payload", LAW, "peak"), 3e-6, "stress: stable", "0 of 1 (no)"),
     (("weak_start", LAW), [1.0, 1.0, 1.2], "from a tenth of the gains, third move over the PID searched for these moves alone", "1.2 (no)"),
-    (("warmed_up", 0, "worst"), 1.62e-8, "slow sines of 10 µm with loaded contacts, from the start (nm)", "16.2 (no)"),
-    (("warmed_up", 0, "worst"), 1.62e-8, "the same after a move of 1 mm and back (nm)", "14"),
+    (("slow_sines", 0, "worst"), 1.62e-8, "slow sines of 10 µm with loaded contacts, from the start (nm)", "16.2 (no)"),
+    (("slow_sines", 0, "worst"), 1.62e-8, "the same after a move of 1 mm and back (nm)", "14"),
     (("level_jumps", 0, "seen"), 2.5, "friction 15 % up or down, seen to 2 % after (s)", "2.5 (no)"),
 ])
 def test_every_miss_is_told_in_its_row(path, value, row, told):

@@ -95,7 +95,7 @@ def compare(axis, extent=Extent(), controllers=CONTROLLERS, jobs=1, progress=Non
     evaluation = Evaluation(axis, extent, jobs, progress, elsewhere)
     result = {"controllers": list(controllers), "seeds": extent.seeds, "moves": extent.moves}
     result["tracking"] = tracking(evaluation, controllers)
-    result["warmed_up"] = warmed_up(evaluation)
+    result["slow_sines"] = slow_sines(evaluation)
     result["positioning"] = positioning(evaluation, controllers)
     result["rest"] = rest(evaluation, controllers)
     result["sines"] = sines(evaluation)
@@ -134,7 +134,7 @@ def tracking(evaluation, controllers):
     return found
 
 
-def warmed_up(evaluation, frequencies=SLOW_SINES):
+def slow_sines(evaluation, frequencies=SLOW_SINES):
     """Observer law: peak [m] of slow sines from the start, and once a fast move has told the encoder's interpolation.
 
     ``frequencies`` [Hz]. Rows {frequency, after, median, worst}; ``after``: whether a move came before.

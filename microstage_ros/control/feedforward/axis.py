@@ -20,6 +20,7 @@ from microstage_ros.model.friction import generalised_maxwell_slip
 from microstage_ros.model.friction.blocks import COUNT, STIFFNESS
 from microstage_ros.model.friction.contact import blocks_of, limit_of
 from microstage_ros.model.friction.curve import SLIDING, pack_curve, sliding_limit, viscous_force
+from microstage_ros.model.sensors import position_sensor_of
 from microstage_ros.model.transmission import screw_ratio
 from microstage_ros.numerics.compiled import compiled
 
@@ -27,6 +28,7 @@ GAINS = (
     Gain("friction_share", "1", 0.0, 2.0, 1.0, "share of the modelled friction that is fed forward"),
     Gain("motion_share", "1", 0.0, 2.0, 1.0, "share of the modelled back-EMF and inertia that is fed forward"),
 )
+WITH_SCALE = ("incremental", "sine_cosine")  # position sensors that interpolate the signal periods of a scale
 WIDTH = 32  # packed friction law: two directions, up to eight blocks, attraction
 BLOCK_STATE = 16
 MODEL_FIELDS = [
@@ -104,7 +106,8 @@ def fill_model(record, axis):
     record["screw_ratio"] = ratio
     record["mass"] = axis.value("stage.mass")
     record["offset_force"] = axis.value("stage.offset_force")
-    record["signals_per_metre"] = 1.0 / axis.value("sensors.encoder.signal_period")
+    scale = position_sensor_of(axis).name in WITH_SCALE
+    record["signals_per_metre"] = 1.0 / axis.value("sensors.encoder.signal_period") if scale else 0.0
     for field, value in actuator_of(axis).feed_forward(axis).items():
         record[field] = value
     rigid = axis.choices["transmission.type"] == "rigid"

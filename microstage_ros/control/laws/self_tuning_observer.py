@@ -35,7 +35,7 @@ PARTS = {
     "encoder_adaptation": Part((), adaptation.PARAMETERS, adaptation.STATE_FIELDS),
     "encoder_filter": Part((), "f8"),  # factor on its filter time at the start, where the observer law is unstable
     "lagged": Part(state="f8"),  # m/s, speed of the reference through the filter of the encoder-only law
-    "fed": Part(state="i8"),  # 1: the encoder-only law is fed forward, since the model of the axis holds
+    "fed_forward": Part(state="i8"),  # 1: the encoder-only law is fed forward, since the model of the axis holds
     "unstable": Part((), "i8"),  # 1: the observer law is unstable on the axis file's own model
 }
 
@@ -49,7 +49,7 @@ def observed_reset(parameters, state, voltage):
     self_tuning_reset(parameters, state, voltage)
     pid.pid_reset(parameters.encoder_pid, state.encoder_pid, voltage)
     state.lagged = 0.0
-    state.fed = 0
+    state.fed_forward = 0
     adaptation.adaptation_reset(parameters.encoder_adaptation, state.encoder_adaptation, state.encoder_pid)
     if parameters.unstable != 0:
         own = state.encoder_adaptation
@@ -107,8 +107,8 @@ def observed_step(parameters, state, reference, encoder, current):
             return regulate(parameters, state, reference)
         supervision.hand_over(rule, watched, reason)
         # noise of the current and a gap of the drive leave the model of the axis as it is
-        state.fed = 1 if reason == supervision.NOISE or rattles else 0
-        known = without_level(state, state.feed_forward) if state.fed == 1 else 0.0
+        state.fed_forward = 1 if reason == supervision.NOISE or rattles else 0
+        known = without_level(state, state.feed_forward) if state.fed_forward == 1 else 0.0
         if reason == supervision.SWINGS:  # what error and speed ask for belongs to the swing, and damps it
             state.encoder_pid.integral = watched.mean_voltage_V - known
         else:
@@ -152,7 +152,7 @@ def encoder_only_step(parameters, state, reference):
         model, state.feedforward, period, reference, state.observer.level, 1.0, 0.0, state.observer.inertia
     )
     state.lagged += period / (period + own.filter_time) * (own.reference_velocity - state.lagged)
-    if state.fed == 1:
+    if state.fed_forward == 1:
         # the measured speed comes through a filter: so has the wanted one to
         planned = without_level(state, planned) - own.kd * (own.reference_velocity - state.lagged)
     else:
