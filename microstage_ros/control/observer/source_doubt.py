@@ -26,10 +26,10 @@ voltage's is no smaller than the encoder's (a heavy stage and a soft drive raise
 inertia is found to be less than `LIGHTER` times that of the last swing, both go back to those of the start.
 
 A swing of a few counts makes no half wave beyond `WAVE`, and may still grow at rest as soon as friction no longer
-damps it (three times the mass with a voltage that comes 0.3 ms late). There the reference tells of no model's error: so
-while it has stood for `REST_TIME` and the innovation of the position is beyond `RINGS` of the expected, which noise does
-not explain, and beyond that of the speed as in a mechanical swing, the doubt in the encoder rises e-fold in
-`RING_TIME` (`rings_quietly`). It ends where innovations are as large as expected.
+damps it (three times the mass with a voltage that comes 0.3 ms late). At rest an error of the model shows in no
+innovation: so while the reference has stood for `REST_TIME` and the innovation of the position is beyond `RINGS` of the
+expected, which noise does not explain, and beyond that of the speed as in a mechanical swing, the doubt in the encoder
+rises e-fold in `RING_TIME` (`rings_quietly`), until innovations are as large as expected.
 
 A voltage that acts late needs no swing to be seen: where its steps are large, the current does not follow them. An
 amplifier with a lag, a dead band or a slow filter of the current leave less than `FOLLOWS` of their mean square
