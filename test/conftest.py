@@ -10,7 +10,6 @@ import os
 import time
 from pathlib import Path
 
-
 gc.disable()
 
 BEGAN = time.time()

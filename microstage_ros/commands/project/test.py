@@ -44,8 +44,9 @@ def main(argv=None):
     except environment.Failure as failure:
         print(f"microstage: {failure}", file=sys.stderr)
         return 1
-    options = arguments = _commit_set(arguments) + arguments
+    arguments = _commit_set(arguments) + arguments
     variables = _other_trajectories(arguments)
+    options = arguments
     # Tests of one file may share a cell, so a file stays with one worker. A cell computes as long as its test waits,
     # which takes longer with a third worker on two processors.
     if importlib.util.find_spec("xdist"):
