@@ -105,7 +105,7 @@ def run_given_contact(plant, state, work, readings, parameters, memory, referenc
         ahead = side * (reference[n] - memory.reference) < 0.0  # the reference leads the other way
         if o.contact == lost_motion.TOUCHING and side != 0 and side * slack < 0.5 * plant.gap - LEFT and ahead:
             o.side, o.confirmed = side, 1
-            lost_motion.open_contact(o, -1.0 * side, 0.0)
+            lost_motion.open_contact(o, -1.0 * side, 0.0, 0.0)
         if o.contact != lost_motion.TOUCHING:
             o.travel, o.v = 0.5 * plant.gap + o.toward * slack, plant.ratio * state.omega
             if state.side == o.toward:

@@ -210,7 +210,7 @@ def watch_swings(p, s, error, period):
     s.since += period
     s.ceiling = min(s.ceiling + p.recovery * period, p.log_ceiling)
     s.damping_ceiling = min(s.damping_ceiling + p.recovery * period, p.log_damping_ceiling)
-    s.swings, turned = half_wave(fast, s.peak, s.swings, s.since, 10.0 * p.time_unit, p.alternation)
+    s.swings, turned = half_wave(fast, s.peak, s.swings, s.since, 10.0 * p.time_unit, p.alternation, 0.0)
     if turned:
         if s.swings > 4:
             lower_ceilings(p, s)

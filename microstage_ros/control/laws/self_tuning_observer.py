@@ -41,6 +41,7 @@ PARTS = {
 
 # rad, that a delay of the voltage may take off the loop's phase at its bandwidth: up to 0.3 ms no gain is lowered
 PHASE = 0.8
+THROWN = 0.1  # s, for which a stage that a move has thrown across a gap may swing after the move
 
 
 @compiled
@@ -235,6 +236,8 @@ def regulate(parameters, state, reference):
     if watched.rest_swing > parameters.supervision.rest_swing:
         wave = 0.5 * math.pi * watched.rest_swing  # of a sine of that mean size
         adaptation.fade_at_rest(parameters.adaptation, state.adaptation, wave, period)
+    if no_gain_ends_swings(parameters, observer, watched.swings):
+        state.adaptation.swings = 0
     if not in_gap:
         adaptation.adaptation_step(
             parameters.adaptation,
@@ -255,6 +258,20 @@ def regulate(parameters, state, reference):
         state.pid.integral = integral
     wanted = over_band(drive_voltage(observer, voltage - motion, motion), observer.dead_band)
     return min(max(wanted, -limit), limit)
+
+
+@compiled
+def no_gain_ends_swings(parameters, s, swings):
+    """Whether swings of the error, ``swings`` in a row, are such as no lower gain ends.
+
+    Either friction's own, stick-slip: the reference moves, at a speed that hardly changes, and no swing of the loop,
+    heavy stage, soft drive or lost motion has shown. Or a stage's that is thrown across a gap in a move: until the
+    swings are so many that they are the loop's.
+    """
+    if source_doubt.lost_motion_suspected(s):
+        return s.rest_time_s < THROWN and swings <= parameters.supervision.swings
+    steady = s.rest_time_s == 0.0 and s.steady_time_s > 0.0
+    return steady and s.waves == 0 and not source_doubt.encoder_doubted(parameters.observer, s)
 
 
 def complete(record):

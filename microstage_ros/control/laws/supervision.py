@@ -152,7 +152,7 @@ def watch_error(p, s, error, reference_speed, in_gap, voltage, period):
     fast = s.smooth - s.slow
     s.half += period
     s.swinging = s.swinging + period if s.swings > 0 else 0.0
-    s.swings, turned = half_wave(fast, s.peak, s.swings, s.half, p.half_wave, p.swing)
+    s.swings, turned = half_wave(fast, s.peak, s.swings, s.half, p.half_wave, p.swing, 0.0)
     if turned:
         s.last_half_wave_m = abs(s.peak)
         s.peak = fast

@@ -31,6 +31,7 @@ from microstage_ros.numerics.compiled import compiled
 # calibrated with `robustness --only NAME`, rotor inertias, motor and torque constants (docs/evidence/control.md)
 PLAN_TIME = 1e-3  # s, filter of the reference's acceleration
 STANDING = 5e-3  # m/s^2, of it that does not count
+STEADY = 1e-3  # m/s^2, of it: a sine of 10 um and 0.1 Hz has 4 um/s^2, the profile of a move 10 mm/s^2 and more
 DRIFT_TIME = 2e-2  # s
 DIFFER_TIME = 1.5e-3  # s, of each of two filters
 AGREE, SHARE = 4e-6, 0.03  # m/s; 1, as a motor constant that has not been read is doubted (`motor_constant`)
@@ -38,6 +39,7 @@ DISAGREE = 6e-6  # m/s; beyond `AGREE` by chance in 3 of 40 first accelerations 
 SIGNIFICANT = 0.1  # 1, of the speed
 FIELDS = [
     ("planned_acceleration", "f8"),  # m/s^2, of the reference, filtered
+    ("steady_time_s", "f8"),  # s, for which the reference has hardly accelerated
     ("inertial_doubt", "f8"),  # m/s^2, b; 0 where it is not counted with
     ("speed_difference", "f8", 2),  # m/s, speed by the back-EMF beyond the encoder's, filtered once and twice
     ("turning", "f8"),  # m/s, speed by the back-EMF, a period before
@@ -49,7 +51,8 @@ FIELDS = [
 
 @compiled
 def inertia_doubt_reset(s):
-    """Nothing is planned."""
+    """Nothing is planned; the reference has stood for a second."""
+    s.steady_time_s = 1.0
     s.planned_acceleration = s.inertial_doubt = s.turning = 0.0
     s.speed_difference[:] = 0.0
     s.refused = 0
@@ -60,6 +63,7 @@ def inertia_doubt_reset(s):
 def plan_acceleration(s, period, gained):
     """Take in what the reference's speed has ``gained`` [m/s] in this period."""
     s.planned_acceleration += min(period / PLAN_TIME, 1.0) * (gained / period - s.planned_acceleration)
+    s.steady_time_s = s.steady_time_s + period if abs(s.planned_acceleration) < STEADY else 0.0
 
 
 @compiled

@@ -319,6 +319,8 @@ def observer_step(p, model, s, period, encoder, voltage, current):
         constant = s.emf_centre * model.volts_per_velocity
         if s.contact == TOUCHING and dead_band.watch_dead_band(s, period, voltage, drop, constant, read_speed):
             forget_drive(p, s)
+            if source_doubt.lost_motion_suspected(s):
+                source_doubt.doubt_reset(p, s)  # the band had been taken for lost motion
             lost_motion.lost_motion_reset(p, s)
         if not doubtful:
             motor_constant.watch_motor_constant(p, model, s, period, drop, read_speed)
@@ -333,8 +335,6 @@ def observer_step(p, model, s, period, encoder, voltage, current):
             pulls = abs(drop) > PULL * model.volts_per_torque * model.actuator[COULOMB]
             pulls = pulls and s.voltage_factor < source_doubt.GROWN * p.voltage_doubt
             pulls = pulls and source_doubt.current_follows(model, s)
-            # and so does one whose stage swings on a soft drive
-            pulls = pulls and not source_doubt.encoder_doubted(p, s)
             if lost_motion.watch_contact(
                 p, s, force, model.guideway[0], math.sqrt(doubt) / model.volts_per_velocity, pulls
             ):
@@ -358,9 +358,7 @@ def observer_step(p, model, s, period, encoder, voltage, current):
     if senses:
         beyond = speed * speed / (s.covariance[1, 1] + variance) if s.gap == 0.0 else 1.0
         s.speed_test += share * (beyond - s.speed_test)
-    if s.gap > 0.0:
-        source_doubt.doubt_reset(p, s)
-    elif senses:
+    if senses:
         source_doubt.weigh_sources(p, model, s, period, position)
     if source_doubt.lost_motion_suspected(s):
         inertia.inertia_reset(s)  # what a rattle taught of it before it was seen to be one
