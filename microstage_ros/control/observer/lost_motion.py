@@ -10,8 +10,12 @@ stays near its mean in contact. The contact opens when r leaves its noise while 
 near zero; if the stage then comes along, it had not. The drive has arrived when the stage moves on: a first sign of
 that stops the drive, since the push goes on until the drive train has bounced, and what more comes of it decides. An
 unknown gap shows as a motor that goes on while the stage stands; b is what the motor travels from one sure contact to
-the next, corrected by every later crossing (a scalar Kalman filter, opened again where it is far off). The way is
-counted in the nominal back-EMF: a constant error of that is learned with the gap.
+the next, corrected by every later crossing (a scalar Kalman filter, opened again where it is far off). A crossing whose
+opening was noticed late, when the motor had led by some way, is doubted by half that way. The way is counted in the
+nominal back-EMF: a constant error of that is learned with the gap.
+
+After an acceleration drive and stage swing, and one leads the other without a crossing: a known gap opens, and an
+unknown one is looked for, only where the reference has been steady for `OPENS` and `SEARCHED`.
 """
 
 from microstage_ros.control.feedforward.axis import friction_along
