@@ -328,7 +328,8 @@ def _bode(found):
         # the plant in sliding is measured twice: before any loop is closed, and with the law that is chosen
         again = any((before.what, before.condition) == (r.what, r.condition) for before in found[:k])
         label = f"{r.what}, {r.condition}" + ", in closed loop" * again + (" [µm/V]" if r.what == "plant" else "")
-        top.loglog(r.frequency, size, color=COLOURS[colour], label=label)
+        mark = "o" if len(r.frequency) == 1 else ""  # a line through one point shows nothing
+        top.loglog(r.frequency, size, mark + "-", markersize=3, color=COLOURS[colour], label=label)
         top.fill_between(
             r.frequency,
             size * (1 - 2 * np.minimum(r.relative, 0.45)),
@@ -337,7 +338,7 @@ def _bode(found):
             alpha=0.25,
         )
         phase = np.degrees(np.unwrap(np.angle(r.value)))
-        bottom.semilogx(r.frequency, phase, color=COLOURS[colour])
+        bottom.semilogx(r.frequency, phase, mark + "-", markersize=3, color=COLOURS[colour])
         band = 2 * np.degrees(r.relative)
         bottom.fill_between(r.frequency, phase - band, phase + band, color=COLOURS[colour], alpha=0.25)
     top.set_ylabel("magnitude\n[µm/V], of the loop [1]")

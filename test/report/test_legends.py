@@ -97,6 +97,14 @@ FIGURES = {
 }
 
 
+@pytest.mark.parametrize("count, markers", [(1, {"o"}), (40, {"", "None"})])
+def test_a_response_of_one_frequency_is_seen(count, markers):
+    """At rest noise may leave a single coherent frequency: its line was in the legend and nowhere else."""
+    frequency, plain = np.linspace(300.0, 400.0, count), np.ones(count)
+    figure = report._bode([Response("plant", "rest", frequency, 1e-7 * plain, plain, plain, 0.02 * plain)])
+    assert all(line.get_marker() in markers for axes in figure.axes for line in axes.lines)
+
+
 @pytest.mark.parametrize("name", FIGURES)
 def test_no_legend_covers_anything(name):
     figure = FIGURES[name]()
