@@ -41,7 +41,9 @@ PARTS = {
 
 # rad, that a delay of the voltage may take off the loop's phase at its bandwidth: up to 0.3 ms no gain is lowered
 PHASE = 0.8
-THROWN = 0.1  # s, for which a stage that a move has thrown across a gap may swing after the move
+# s, for which a stage that a move has thrown across a gap may swing after the move; calibrated with `robustness --moves
+# 1003 --only "backlash 0.5 deg" "backlash 1 deg"`: 18 and 104 moves missed, 27 and 182 with 0
+THROWN = 0.1
 
 
 @compiled

@@ -45,7 +45,9 @@ GAP_GAIN = 0.3  # of the speed while apart, where the encoder says nothing of th
 # for: after a fast move drive and stage swing, and what they lead each other by is no crossing. Calibrated with
 # `robustness --only "backlash 0.25 deg" "backlash 0.5 deg" "backlash 1 deg" --seeds 24 --seed 91000` and `--moves 1003`
 OPENS, SEARCHED = 0.05, 0.1
-LATE = 0.5  # of the way that the drive has gone where the opening is noticed, as a standard deviation of that way
+# of the way that the drive has gone where the opening is noticed, as a standard deviation of that way: it may be any
+# from nothing to twice as much, which a uniform distribution gives 0.58
+LATE = 0.5
 UNSEEN = 4e-8  # m, doubt in where a contact opened that was noticed late
 FIELDS = [
     ("contact", "i8"),  # TOUCHING or IN_GAP

@@ -20,9 +20,9 @@ def observer(axis):
     return controller.parameters["observer"], controller.memory["observer"]
 
 
-def longest_row(hysteresis):
+def longest_row(hysteresis, seed):
     """Swings in a row of a sine of 0.3 um and 70 Hz in noise of 20 nm, 0.1 s long."""
-    noise = np.random.default_rng(3).normal(0.0, 2e-8, 1000)
+    noise = np.random.default_rng(seed).normal(0.0, 2e-8, 1000)
     peak, row, since, longest = 0.0, 0, 0.0, 0
     for fast in 3e-7 * np.sin(2.0 * np.pi * 70.0 * 1e-4 * np.arange(1000)) + noise:
         since += 1e-4
@@ -34,14 +34,15 @@ def longest_row(hysteresis):
 
 
 def test_noise_at_the_change_of_sign_does_not_end_a_row():
-    """A row of fourteen half waves was a row of three or four."""
-    assert longest_row(0.0) < 6
-    assert longest_row(6e-8) >= 12
+    """A row of thirteen half waves was a row of three to seven (20 seeds)."""
+    assert max(longest_row(0.0, seed) for seed in range(10)) < 9
+    assert min(longest_row(6e-8, seed) for seed in range(10)) >= 12
 
 
 @pytest.mark.parametrize("gap, peak, suspected", [(0.0, 1.1e-6, True), (0.0, 0.4e-6, False), (3e-6, 0.4e-6, True)])
 def test_behind_a_gap_the_encoder_stays_doubted(axis, gap, peak, suspected):
-    """A rattle brought both doubts back to those of the start: 63 of 1003 moves through 0.25 degrees ended more than 100 nm off, 8 since."""
+    """A rattle brought both doubts back to those of the start: 63 of 1003 moves through 0.25 degrees ended more than 100 nm off, 11 since
+    (`robustness --moves 1003 --seed 31000`)."""
     controller = make_controller(LAW, axis)
     parameters, memory = controller.parameters["observer"], controller.memory["observer"]
     memory["position_test"], memory["speed_test"], memory["waves"], memory["wave_first"] = 100.0, 1.0, 4, 0.5e-6
@@ -107,7 +108,8 @@ def test_stick_slip_and_throws_across_a_gap_lower_no_gain(axis, change, swings, 
 
 
 def test_stick_slip_keeps_the_gains(axis):
-    """Where static friction is twice the file's, its own swings took K_P to a tenth: 0.62 to 0.67 um in a slow sine, 0.18 to 0.22 since."""
+    """Where static friction is twice the file's, its own swings took K_P to a tenth: 0.56 and 0.67 um in a slow sine, 0.18 and 0.22 since
+    (seeds 12400 and 12401)."""
     machine = random_machine(axis, 8275, 2.0)
     assert np.median([examine(axis, machine, seed, LAW).moving for seed in (12600, 12601, 12602)]) < 4e-7
 
