@@ -21,6 +21,7 @@ from microstage_ros.control.design.linear_loop import (
     pid_step,
     regime_slopes,
 )
+from microstage_ros.control.observer.wind_up import HEAVIER
 from microstage_ros.quantities.errors import InputError
 
 DOUBTED = ("stage.mass", "transmission.stiffness", "drive.rotor_inertia")
@@ -29,6 +30,8 @@ GAIN_MARGIN = 1.4  # factor on all gains under which the encoder-only law must b
 LOWER, STEPS = 0.75, 14  # of the gains with every step, and the most steps: to a fortieth
 #: Doubts in encoder and voltage over the shipped ones, in the order in which they are tried.
 START_DOUBTS = ((1.0, 1.0), (1.5, 1.0), (2.0, 1.0), (3.0, 1.0), (4.0, 1.0), (4.0, 2.0), (6.0, 2.0), (8.0, 4.0))
+SLOWER = 1.5  # times the file's settling time, that a heavier stage may take
+ENCODER_DOUBTS = (1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0)  # over the shipped one, up to `source_doubt.MOST_ENCODER`
 FILTERS = (1.0, 2.0, 3.2)  # times the filter time that are tried
 _found: dict = {}  # by the numbers that it follows from: a campaign asks the same thousands of times
 CREEPING = "sliding, 1 um/s"  # where the axis itself is unstable, and blocks that stick again bound what follows
@@ -57,6 +60,37 @@ def stable_doubts(axis, parameters):
         if observer_is_stable(axis, tried):
             return doubts
     return None
+
+
+def held_doubts(axis, parameters):
+    """Doubt in the encoder over the shipped one [1] with which the observer law holds a stage that is heavier than the
+    file's, `wind_up.HEAVIER` times, shape (7,): the loop settles within `SLOWER` times the time that it takes on the
+    file's. The most where none does.
+
+    ``parameters`` : the law's record, which is left as it is.
+    """
+    key = ("heavier", parameters.tobytes(), *(repr(axis.quantity(name)) for name in DOUBTED if axis.has(name)))
+    if key not in _found:
+        tried, found = parameters.copy(), [float(parameters["observer"]["encoder_doubt"])]
+        slowest = _slowest(axis, tried) ** (1.0 / SLOWER)
+        for factor in HEAVIER[1:]:
+            heavy = axis.with_values({"stage.mass": factor * axis.value("stage.mass")}, source="derived")
+            for doubt in (found[-1], *(doubt for doubt in ENCODER_DOUBTS if doubt > found[-1])):
+                tried["observer"]["encoder_doubt"] = doubt
+                if _slowest(heavy, tried) < slowest:
+                    break
+            found.append(doubt)
+        _found[key] = np.array(found)
+    return _found[key]
+
+
+def _slowest(axis, parameters):
+    """Largest magnitude of the loop's eigenvalues in every regime but creeping [1]."""
+    period = float(parameters["period"])
+    return max(
+        _magnitude(_sampled(axis, actuator, guideway, period), observer_step(parameters, *slopes), OBSERVER_STATES)
+        for name, actuator, guideway, slopes in regime_slopes(axis) if name != CREEPING
+    )
 
 
 def observer_is_stable(axis, parameters):
@@ -128,6 +162,11 @@ def _sampled(axis, actuator, guideway, period):
 
 def _settles(plant, step, size):
     """Whether the closed loop of ``plant`` (a, b, c) and law settles."""
+    return bool(_magnitude(plant, step, size) < 1.0 - 1e-9)
+
+
+def _magnitude(plant, step, size):
+    """Largest magnitude of its eigenvalues [1]."""
     a, b, c = plant
     loop, entry, row = cut_loop(a, b, c, step, size)
-    return bool(np.abs(np.linalg.eigvals(loop + entry @ row)).max() < 1.0 - 1e-9)
+    return np.abs(np.linalg.eigvals(loop + entry @ row)).max()

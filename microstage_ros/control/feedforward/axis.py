@@ -173,18 +173,20 @@ def feedforward_reset(s, reference):
 
 
 @compiled
-def feedforward_step(p, s, period, reference, actuator_level, guideway_level, offset_speed, inertia):
+def feedforward_step(
+    p, s, period, reference, actuator_level, guideway_level, offset_speed, inertia, swing=1.0, softness=1.0
+):
     """Feed-forward voltage [V] for the new reference sample [m]; levels scale the friction limits [1].
 
     ``offset_speed`` [m/s]: what the motor is to go faster than the stage; ``inertia`` [1]: of all that moves, over the
-    file's.
+    file's; ``swing`` m/K and ``softness`` 1/K of the drive train over the file's [1].
     """
     velocity = min(max((reference - s.reference) / period, -p.top_speed), p.top_speed)
     acceleration = (velocity - s.velocity) / period
     if p.has_guideway != 0:
         s.guideway_friction = friction_along(p.guideway, s.guideway, velocity, period, guideway_level)
-    force = s.guideway_friction + p.mass * acceleration + p.offset_force
-    screw = reference + force * p.compliance
+    load = s.guideway_friction + p.offset_force
+    screw = reference + (softness * load + swing * p.mass * acceleration) * p.compliance
     screw_velocity = (screw - s.screw) / period + offset_speed
     screw_velocity = min(max(screw_velocity, -p.top_speed), p.top_speed)
     s.screw_acceleration = (screw_velocity - s.screw_velocity) / period

@@ -17,6 +17,7 @@ from microstage_ros.control.feedforward import axis as feedforward
 from microstage_ros.control.gains import check_gain, fill
 from microstage_ros.control.laws import adaptation
 from microstage_ros.control.laws import registry as laws
+from microstage_ros.control.laws.learned import learned_numbers
 from microstage_ros.control.laws.pid import pid_change
 from microstage_ros.model.actuators import actuator_of
 from microstage_ros.numerics.compiled import compiled
@@ -118,6 +119,7 @@ def _check_start(axis, record, period, gains):
         doubts = start_check.stable_doubts(axis, record)
         record["unstable"] = int(doubts is None)
         record["observer"]["encoder_doubt"], record["observer"]["voltage_doubt"] = doubts or start_check.START_DOUBTS[0]
+    record["observer"]["held_doubts"] = start_check.held_doubts(axis, record)
     if record["unstable"]:
         gains = {name: float(record["encoder_pid"][name]) for name in record["encoder_pid"].dtype.names}
         record["encoder_adaptation"]["start"], record["encoder_filter"] = start_check.held_start(axis, gains, period)
@@ -227,6 +229,13 @@ class Controller:
             float(self.memory["feed_forward"]), bool(pid["saturated"]), self.type,
             *(int(self.memory["supervision"][name]) for name in ("law", "reason", "handovers")),
         )
+
+    @property
+    def learned(self):
+        """{name: `learned.Learned`}: what the law has learned of the axis, SI, {} if it learns nothing of it."""
+        if "observer" not in laws.law(self.type).parts:
+            return {}
+        return learned_numbers(self.parameters, self.memory)
 
 
 def make_controller(type_name, axis, period=None, **gains):

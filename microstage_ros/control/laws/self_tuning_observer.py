@@ -224,7 +224,8 @@ def regulate(parameters, state, reference):
     state.pid.reference_velocity = speed + 0.5 * gained + crossing.held_speed
     inertia_doubt.plan_acceleration(observer, period, gained)
     state.feed_forward = feedforward.feedforward_step(
-        model, state.feedforward, period, reference, observer.level, 1.0, crossing.offset_speed, observer.inertia
+        model, state.feedforward, period, reference, observer.level, 1.0, crossing.offset_speed, observer.inertia,
+        observer.drive_train_swing, observer.drive_train_softness,
     )
     state.feed_forward += model.volts_per_velocity * gained  # and the voltage is held over the period that comes
     integral = state.pid.integral

@@ -101,7 +101,9 @@ REPEATED = 0.2  # doubts in the encoder that the axis moves within a period when
 TEST_TIME = 2e-2  # s, over which innovations are averaged
 # of the actuator's Coulomb friction, that the current overcomes where the motor moves at all: else it is a dead band
 PULL = 0.2
-PARAMETERS = record_type(GAINS, [("motion_gain", "f8", (3, 2)), ("transient", "f8"), *swing.PARAMETERS])
+PARAMETERS = record_type(
+    GAINS, [("motion_gain", "f8", (3, 2)), ("transient", "f8"), *swing.PARAMETERS, *wind_up.PARAMETERS]
+)
 BLOCK_STATE = feedforward.BLOCK_STATE
 STATE_FIELDS = [
     ("x", "f8"),  # m, stage position
@@ -162,22 +164,18 @@ STATE_FIELDS = [
 @compiled
 def observer_reset(p, s):
     """Forget everything but the nominal level."""
-    s.v = 0.0
-    s.d = 0.0
-    s.swing, s.swing_rate = 0.0, 0.0
+    s.v = s.d = 0.0
+    s.swing = s.swing_rate = 0.0
     s.current = 0.0
     s.read = math.nan
-    s.lost_time_s = 0.0
-    s.acceleration = 0.0
+    s.lost_time_s = s.acceleration = 0.0
     motor_constant.motor_constant_reset(s)
     forget_drive(p, s)
     s.applied[:] = s.learned
     s.rest_time_s = 0.0
     s.lag = 0
     s.unexplained = s.drop = s.speed = 0.0
-    s.steady = 0.0
-    s.since = 0.0
-    s.restless = 0.0
+    s.steady = s.since = s.restless = 0.0
     s.changes = 0
     source_doubt.doubt_reset(p, s)
     inertia.inertia_reset(s)
@@ -291,6 +289,7 @@ def observer_step(p, model, s, period, encoder, voltage, current):
     if lost and s.contact == TOUCHING:
         motion_filter.widen(p, s, period)
         s.lost_time_s += period
+        s.undisturbed_s = 0.0
         return
     read_speed = moved / (period + s.lost_time_s)
     s.lost_time_s = 0.0
@@ -317,6 +316,9 @@ def observer_step(p, model, s, period, encoder, voltage, current):
         source_doubt.trust_lighter(p, s)
         s.current = current
         constant = s.emf_centre * model.volts_per_velocity
+        swings_low = s.waves > 0 and wind_up.stage_swings_low(p, s)
+        if swings_low:
+            dead_band.forget_bins(s)  # its motor is faster than the mean of the encoder says
         if s.contact == TOUCHING and dead_band.watch_dead_band(s, period, voltage, drop, constant, read_speed):
             forget_drive(p, s)
             if source_doubt.lost_motion_suspected(s):
@@ -329,12 +331,14 @@ def observer_step(p, model, s, period, encoder, voltage, current):
     if senses:
         motor_speed = s.v + s.wind_up_speed + speed / s.learned[2]
         lost_motion.watch_lead(s, period, encoder, motor_speed, speed)
+        follows = source_doubt.current_follows(model, s)
+        wind_up.learn_drive_train(p, model, s, period, encoder + s.swing, motor_speed, follows)
         if s.contact == TOUCHING:
             force = s.guideway_friction + model.offset_force + model.mass * s.acceleration
             # a voltage that comes late looks like a motor that leads
             pulls = abs(drop) > PULL * model.volts_per_torque * model.actuator[COULOMB]
             pulls = pulls and s.voltage_factor < source_doubt.GROWN * p.voltage_doubt
-            pulls = pulls and source_doubt.current_follows(model, s)
+            pulls = pulls and follows and not swings_low  # it leads a heavy stage's swing too
             if lost_motion.watch_contact(
                 p, s, force, model.guideway[0], math.sqrt(doubt) / model.volts_per_velocity, pulls
             ):
@@ -358,7 +362,6 @@ def observer_step(p, model, s, period, encoder, voltage, current):
     if senses:
         beyond = speed * speed / (s.covariance[1, 1] + variance) if s.gap == 0.0 else 1.0
         s.speed_test += share * (beyond - s.speed_test)
-    if senses:
         source_doubt.weigh_sources(p, model, s, period, position)
     if source_doubt.lost_motion_suspected(s):
         inertia.inertia_reset(s)  # what a rattle taught of it before it was seen to be one
@@ -394,3 +397,4 @@ def design_motion(record, model, period):
         )
     record["motion_gain"] = motion_filter.steady_gain(record, model, period)
     record["swing_matrix"] = swing.swing_matrix(record, model, period)
+    wind_up.design_filters(record, model, period)

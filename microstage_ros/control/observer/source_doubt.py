@@ -50,6 +50,10 @@ that it leaves at rest ends where the gains fade.) Behind a gap the encoder is n
 doubted by `MOST_ENCODER` meanwhile, and by `AT_REST` once the reference has stood for `SETTLES`, so that a move ends at
 its target (`doubt_in_lost_motion`).
 
+Once the drive train is known (`wind_up.stage_swings_low`) nothing has to be guessed: a stage that swings low does so
+in a loop that believes the encoder. Its swings raise no doubt in a voltage that the current follows, what they have
+raised goes within `RESTORED`, and the doubt in the encoder fades to what its mass asks for (`held_doubt`), no further.
+
 A half wave is over where the innovation is beyond `CLEAR` on the other side. Without that the noise at the change of
 sign began the row anew, which then seemed to begin large: in 4 of 140 records six times the mass on a third of the
 stiffness was taken for a rattle, and thrown by 84 um.
@@ -60,6 +64,7 @@ import math
 from microstage_ros.control.half_waves import half_wave
 from microstage_ros.control.observer.inertia import inertia_unread
 from microstage_ros.control.observer.long_delay import MEMORY, far_voltage
+from microstage_ros.control.observer.wind_up import stage_swings_low
 from microstage_ros.numerics.compiled import compiled
 
 SMOOTH_TIME, SLOW_TIME = 5e-4, 2e-2  # s, of the innovation's fast part
@@ -115,6 +120,7 @@ REST_TIME = 0.2
 # 1003 --only "backlash 0.5 deg"`: 16 moves missed, 18 with 8 and 35 with 2)
 AT_REST, SETTLES = 4.0, 0.05
 FADE = 1e-2  # 1/s, of the logarithm
+RESTORED = 0.05  # s, in which a voltage is believed again that swings of a heavy stage or a soft drive threw doubt on
 # calibrated with `robustness`, all conditions: used on the doubts of heavy stages and soft drives too, their first fast
 # moves fail
 RELAX = 1.0  # 1/s, of the logarithm
@@ -245,7 +251,9 @@ def weigh_sources(p, model, s, period, position):
     both = both and s.voltage_factor * p.encoder_doubt >= s.encoder_factor * p.voltage_doubt
     slides = s.slipping > 0.9 and s.waves == 0 and s.rest_time_s == 0.0
     kept = 1.0 - (RELAX if both and slides and inertia_unread(s) else FADE) * period
-    s.encoder_factor = max(s.encoder_factor * kept, p.encoder_doubt)
+    s.encoder_factor = max(s.encoder_factor * kept, p.encoder_doubt, min(s.encoder_factor, s.held_doubt))
+    if stage_swings_low(p, s) and s.unfollowed == 0:
+        kept = 1.0 - period / RESTORED
     s.voltage_factor = max(s.voltage_factor * kept, p.voltage_doubt)
     s.encoder_noise = s.encoder_factor * p.encoder_noise
 
@@ -301,7 +309,8 @@ def slower_than_file(model, s):
 @compiled
 def doubt_more(p, model, s):
     """Answer one swing."""
-    late = s.position_test < ELECTRICAL * s.speed_test
+    low = stage_swings_low(p, s) and s.unfollowed == 0
+    late = s.position_test < ELECTRICAL * s.speed_test and not low
     announced = grew_from_small(s) or began_small(s, SOFT) or encoder_doubted(p, s)
     rattle = s.gap > 0.0 or abs(s.wave_peak) > RATTLE and not announced
     if not late and rattle and not glides(s):
@@ -313,6 +322,6 @@ def doubt_more(p, model, s):
     if not late:
         step = min(abs(s.wave_peak) / s.wave_before, LARGEST_STEP) if swings_up(s) else STEP
         s.encoder_factor = min(step * s.encoder_factor, max(MOST_ENCODER, p.encoder_doubt))
-    rings = encoder_doubted(p, s) and slower_than_file(model, s)
+    rings = encoder_doubted(p, s) and slower_than_file(model, s) or low
     if late or s.position_test < MECHANICAL * s.speed_test and not rings:
         s.voltage_factor = min((LATE_STEP if late else STEP) * s.voltage_factor, max(MOST_VOLTAGE, p.voltage_doubt))

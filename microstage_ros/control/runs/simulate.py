@@ -24,7 +24,7 @@ def run_controller(axis, run):
     return Controller(kind, controller_parameters(kind, axis, section, place=f"{run.place}: controller"))
 
 
-def simulate(axis, run, seed=0, machine=None, progress=None):
+def simulate(axis, run, seed=0, machine=None, progress=None, finish=None):
     """Simulate one run.
 
     A reference that begins in motion is led in from rest (see `control.trajectories.lead_in`), unless the run says
@@ -36,6 +36,7 @@ def simulate(axis, run, seed=0, machine=None, progress=None):
     seed : of every random number in the run [1].
     machine : `Axis` that is simulated, where it is another one (default: ``axis.machine``, else ``axis``).
     progress : called with (periods done, periods in all), or None.
+    finish : called with the `Controller` at the end, or None.
 
     Returns
     -------
@@ -77,6 +78,8 @@ def simulate(axis, run, seed=0, machine=None, progress=None):
         )
         if progress:
             progress(min(start + PIECE, len(trace)), len(trace))
+    if finish:
+        finish(controller)
     trace = trace[len(before):]
     columns = {"t_s": np.arange(len(trace)) * period, "reference_m": tables["reference"]}
     columns |= {name: trace[:, place].copy() for place, name in enumerate(TRACE) if name not in SURROUNDINGS}
@@ -92,8 +95,10 @@ def simulate(axis, run, seed=0, machine=None, progress=None):
 
 
 def simulated_record(axis, run, seed=0, machine=None, progress=None, **more):
-    """`Record` of `simulate`, with version, ``seed`` [1], axis and run in its metadata."""
-    columns = simulate(axis, run, seed, machine, progress)
+    """`Record` of `simulate`, with version, ``seed`` [1], axis, run and what the law has learned of the axis (SI) in
+    its metadata."""
+    learned = {}
+    columns = simulate(axis, run, seed, machine, progress, lambda controller: learned.update(controller.learned))
     metadata = {
         "version": __version__,
         "seed": seed,
@@ -104,6 +109,8 @@ def simulated_record(axis, run, seed=0, machine=None, progress=None, **more):
         "effects": {**(machine or axis).effects, **run.effects},
         **more,
     }
+    if learned:
+        metadata["learned"] = {name: number._asdict() for name, number in learned.items()}
     if machine is not None:
         metadata["machine"] = machine.as_dict()
     command = actuator_of(axis).command

@@ -13,6 +13,7 @@ from microstage_msgs.srv import FollowReference
 from rclpy.node import Node
 
 from microstage_ros.control.laws.controller import make_controller
+from microstage_ros.control.laws.learned import resonance_remark
 from microstage_ros.control.laws.supervision import REASONS
 from microstage_ros.control.trajectories.reference_player import ReferencePlayer
 from microstage_ros.model.axis_file import load_axis
@@ -80,8 +81,8 @@ class StrController(Node):
                                        self._holder.words)
         on_stop(self._requests.interrupt)
         self.create_subscription(DriverStatus, topics.DRIVER_STATUS, self._on_status, topics.LATCHED)
-        self._said = 0
-        self.create_timer(0.5, self._say_hand_over)
+        self._said, self._resonance = 0, 0.0
+        self.create_timer(0.5, self._say_changes)
 
     def loop(self):
         """The servo loop: plain states in compiled code, all others here."""
@@ -168,14 +169,19 @@ class StrController(Node):
         else:
             self._holder.look_for_expected()
 
-    def _say_hand_over(self):
-        """One line in the log for every hand-over of the observer law."""
+    def _say_changes(self):
+        """One line in the log for every hand-over of the observer law, and for a resonance that is not the file's."""
         state = self.controller.state
         if state.handovers != self._said:
             self._said = state.handovers
             self.get_logger().warning(
                 f"the encoder-only law took over ({REASONS[state.law_reason]}), {state.handovers} times since the start"
             )
+        learned = self.controller.learned
+        remark = resonance_remark(learned, self._resonance)
+        if remark:
+            self._resonance = learned["resonance"].value
+            self.get_logger().info(remark)
 
     def _in_loop(self, action):
         """Do something to player or law between two periods."""
