@@ -52,7 +52,7 @@ its target (`doubt_in_lost_motion`).
 
 Once the drive train is known (`wind_up.stage_swings_low`) nothing has to be guessed: a stage that swings low does so
 in a loop that believes the encoder. Its swings raise no doubt in a voltage that the current follows, what they have
-raised goes within `RESTORED`, and the doubt in the encoder fades to what its mass asks for (`held_doubt`), no further.
+raised goes within `RESTORED` once the drive train explains all that is seen, and the doubt in the encoder fades to what its mass asks for (`held_doubt`), no further.
 
 A half wave is over where the innovation is beyond `CLEAR` on the other side. Without that the noise at the change of
 sign began the row anew, which then seemed to begin large: in 4 of 140 records six times the mass on a third of the
@@ -252,7 +252,7 @@ def weigh_sources(p, model, s, period, position):
     slides = s.slipping > 0.9 and s.waves == 0 and s.rest_time_s == 0.0
     kept = 1.0 - (RELAX if both and slides and inertia_unread(s) else FADE) * period
     s.encoder_factor = max(s.encoder_factor * kept, p.encoder_doubt, min(s.encoder_factor, s.held_doubt))
-    if stage_swings_low(p, s) and s.unfollowed == 0:
+    if stage_swings_low(p, s) and s.unfollowed == 0 and s.drive_train_test < 1.0:
         kept = 1.0 - period / RESTORED
     s.voltage_factor = max(s.voltage_factor * kept, p.voltage_doubt)
     s.encoder_noise = s.encoder_factor * p.encoder_noise
