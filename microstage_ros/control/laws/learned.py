@@ -1,8 +1,8 @@
 """What the observer law has learned of its axis, with standard uncertainties, in SI units.
 
 Read from the law's memory between two periods; what has not been learned yet is the axis file's number with the
-uncertainty that it started with. Models: `control.observer.inertia`, `wind_up`, `drive_learning`, `lost_motion`,
-`friction_level`.
+uncertainty that it started with. The models are those of `control.observer`: `inertia`, `wind_up`, `drive_learning`,
+`lost_motion`, `friction_level`. Uncertainties of quotients: JCGM 100:2008, 5.1.
 """
 
 import math
@@ -74,7 +74,7 @@ def _drive_train(model, s):
 def resonance_remark(numbers, said):
     """One sentence on a resonance that is known and is not the one that was ``said`` [Hz], 0 if none was; else "".
 
-    ``numbers`` : of `learned_numbers`.
+    ``numbers`` : {name: `Learned`} of `learned_numbers`, SI.
     """
     found = numbers.get("resonance")
     if found is None or found.stderr > WORTH_SAYING * found.value:

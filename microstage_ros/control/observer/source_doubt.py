@@ -52,7 +52,8 @@ its target (`doubt_in_lost_motion`).
 
 Once the drive train is known (`wind_up.stage_swings_low`) nothing has to be guessed: a stage that swings low does so
 in a loop that believes the encoder. Its swings raise no doubt in a voltage that the current follows, what they have
-raised goes within `RESTORED` once the drive train explains all that is seen, and the doubt in the encoder fades to what its mass asks for (`held_doubt`), no further.
+raised goes within `RESTORED` once the drive train explains all that is seen, and the doubt in the encoder fades to what
+its mass asks for (`held_doubt`), no further.
 
 A half wave is over where the innovation is beyond `CLEAR` on the other side. Without that the noise at the change of
 sign began the row anew, which then seemed to begin large: in 4 of 140 records six times the mass on a third of the

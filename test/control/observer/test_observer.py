@@ -44,7 +44,9 @@ def test_its_numbers_are_named_and_follow_the_period(axis):
         FrictionObserver(axis, loudness=1.0)
     assert FrictionObserver(axis, encoder_noise=3e-8).parameters["encoder_noise"] == 3e-8
     slow = FrictionObserver(axis, period=1e-3).parameters
-    assert slow == make_controller("self_tuning_observer", axis, period=1e-3).parameters["observer"]
+    theirs = make_controller("self_tuning_observer", axis, period=1e-3).parameters["observer"]
+    own = [name for name in slow.dtype.names if name != "held_doubts"]  # designed with the regulator, which this has not
+    assert all(np.array_equal(slow[name], theirs[name]) for name in own)
     assert slow["swing_share"] != 0.0 and FrictionObserver(axis).parameters["swing_share"] == 0.0
 
 
