@@ -8,7 +8,7 @@ uncertainty that it started with. The models are those of `control.observer`: `i
 import math
 from typing import NamedTuple
 
-from microstage_ros.control.observer.wind_up import DAMPING, FRICTION, RESONANCE, VARIES
+from microstage_ros.control.observer.wind_up import DAMPING, FRICTION, RESONANCE, SPREADS, VARIES
 
 
 WORTH_SAYING = 0.1  # of the resonance, by which it is known, and by which it differs from the one said before
@@ -52,22 +52,24 @@ def learned_numbers(parameters, memory):
 def _drive_train(model, s):
     """Resonance, stiffness, stage's mass and damping from m/K, 1/K and D/K. All but the first are as right as the
     guideway's friction in the file, which varies by `VARIES`."""
-    swing, softness, damped = (max(float(s["drive_train"][k]), 1e-3) for k in (RESONANCE, FRICTION, DAMPING))
-    c = s["drive_train_covariance"]
-    own = [math.sqrt(max(float(c[k, k]), 0.0)) / value for k, value in enumerate((swing, softness, damped))]
+    swing, softness = (max(float(s["drive_train"][k]), 1e-3) for k in (RESONANCE, FRICTION))
+    spreads = [math.sqrt(max(float(s["drive_train_covariance"][k, k]), 0.0)) for k in range(3)]
     stiffness, mass = 1.0 / float(model["compliance"]), float(model["mass"])
     resonance, damping = math.sqrt(stiffness / mass) / (2.0 * math.pi), float(model["drive_damping"])
     # relative variances of quotients; the covariance of numerator and denominator is left out, and would lower them
-    soft, heavy, lossy = (
-        math.hypot(*parts) for parts in ((own[1], VARIES), (own[0], own[1], VARIES), (own[2], own[1], VARIES))
-    )
+    soft = math.hypot(spreads[FRICTION] / softness, VARIES)
+    own = 0.5 * spreads[RESONANCE] / swing
+    heavy = math.hypot(2.0 * own, soft)
+    found = resonance / math.sqrt(swing)
+    # D/K, which holds L/R beside it; where nothing is learned yet the file's D is reported
+    lossy = float(s["drive_train"][DAMPING]) * damping
+    lossy -= stiffness * float(model["settling"]) if spreads[DAMPING] < SPREADS[DAMPING] else 0.0
+    uncertain = math.hypot(spreads[DAMPING] * damping, lossy * soft) / softness
     return {
-        "resonance": Learned(
-            resonance / math.sqrt(swing), 0.5 * own[0] * resonance / math.sqrt(swing), "Hz", resonance
-        ),
+        "resonance": Learned(found, own * found, "Hz", resonance),
         "stiffness": Learned(stiffness / softness, soft * stiffness / softness, "N/m", stiffness),
         "stage_mass": Learned(mass * swing / softness, heavy * mass * swing / softness, "kg", mass),
-        "damping": Learned(damping * damped / softness, lossy * damping * damped / softness, "N s/m", damping),
+        "damping": Learned(lossy / softness, uncertain, "N s/m", damping),
     }
 
 

@@ -20,9 +20,10 @@ ago: the winding's current lags behind what the speed changes. All pass the same
 v_m; its stages give the derivatives (Garnier and Wang, eds., "Identification of Continuous-time Models from Sampled
 Data", Springer 2008, ch. 1 and 4). A Kalman filter learns the three with their covariance while the jerk is `LOUD`
 times what the encoder's noise makes of it: in fast moves, and where the stage swings. The first is the square of the
-file's resonance over that of the axis; the second is as right as the guideway's friction in the file. A voltage or
-current that comes late by t looks like t (M R / (k_T K_E)) more of the first, 0.3 of the shipped axis's for 10 us; so
-nothing is learned where the current does not follow the voltage, nor beside lost motion.
+file's resonance over that of the axis; the second is as right as the guideway's friction in the file; the third holds
+L/R too, as v_m is moved by L/R times the stage's acceleration, not the motor's (`laws.learned` takes it off). A voltage
+or current that comes late by t looks like t (M R / (k_T K_E)) more of the first, 0.3 of the shipped axis's for 10 us;
+so nothing is learned where the current does not follow the voltage, nor beside lost motion.
 
 What is learned is used in three places. Where both m/K and 1/K are known (`plan_known`) and the first is off by more
 than `SLACK`, the plan follows them within `APPLY_TIME`. Where the stage is known to swing low (`stage_swings_low`) its
