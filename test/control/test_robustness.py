@@ -163,8 +163,21 @@ def test_margins_and_what_they_cost_are_printed_and_written(tmp_path, monkeypatc
     assert stiff["largest"][0] < 6e-8 < 2e-7 > loose["largest"][0] and "| frozen | 6 | 4 | 1 | 6.2 | 39 |" in page.read_text()
 
 
+def test_what_is_learned_is_set_beside_the_machine_and_counted(tmp_path, capsys):
+    """Of three times the mass the file tells nothing: 182 Hz in place of 315."""
+    page, place = tmp_path / "page.md", tmp_path / "learned.json"
+    page.write_text("<!-- robustness: self_tuning_observer, what is learned -->\n<!-- end -->\n")
+    options = ["--only", "mass x 3", "--seeds", "2", "--seed", "5", "--jobs", "1", "--update", str(page), "--json", str(place)]
+    assert main(["robustness", "--learned", *options]) == 0
+    assert "| mass x 3 | 182: " in page.read_text() and "2 of 2 (15.8 to 100 %)" in page.read_text()
+    for run in json.loads(place.read_text())["runs"]:
+        found, true = run["learned"], run["true"]
+        assert abs(found["resonance"]["value"] - true["resonance"]) < 3.0 * found["resonance"]["stderr"] < 20.0
+        assert true["stage_mass"] == pytest.approx(9.18) and true["stiffness"] == pytest.approx(1.2e7)
+
+
 @pytest.mark.parametrize("wrong, words", [
-    (["--moves", "-1"], "--moves"), (["--moves", "1", "--distance", "0"], "--distance"),
+    (["--learned", "--moves", "3"], "--learned"), (["--learned", "--law", "pid"], "--learned"), (["--moves", "-1"], "--moves"), (["--moves", "1", "--distance", "0"], "--distance"),
     (["--only", "mass x 77"], "--only"), (["--seeds", "0"], "--seeds"), (["--law", "none"], "--law"), (["--factor", "0.5"], "--factor"),
     (["--beside", "none"], "--beside"), (["--margins", "--moves", "3"], "--margins"),
 ])

@@ -12,6 +12,7 @@ import yaml
 from microstage_ros import __version__
 from microstage_ros.commands import answer
 from microstage_ros.commands.analysis.ends_of_moves import show_ends
+from microstage_ros.commands.analysis.learned_numbers import show_learned
 from microstage_ros.commands.analysis.margins_cost import show_margins_cost
 from microstage_ros.commands.analysis.robustness_tables import document, of_machines, show
 from microstage_ros.commands.axis import check_effects_fit, read_axis
@@ -49,6 +50,8 @@ def main(argv=None):
     if folder:
         keep_earlier("--out", [*folder.glob("*/run.yaml"), folder / "failure" / "run.yaml"], arguments.force)
     chosen, seeds = _chosen(arguments, axis), [arguments.seed + n for n in range(arguments.seeds)]
+    if arguments.learned:
+        return show_learned(arguments, axis, chosen, law)
     if arguments.moves:
         return show_ends(arguments, axis, chosen, law)
     fixed = _fixed(arguments)
@@ -150,6 +153,11 @@ def _parse(argv):
         action="store_true",
         help="what margins cost the observer law, with nothing learned, and how it answers jumps of the gain",
     )
+    parser.add_argument(
+        "--learned",
+        action="store_true",
+        help="what the law has learned of each machine, with its uncertainty, beside the machine's own numbers",
+    )
     parser.add_argument("--seeds", type=int, default=5, metavar="N", help="runs of each (default 5)")
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the first run (default 0)")
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), metavar="N", help="threads (default all cores)")
@@ -175,6 +183,10 @@ def _parse(argv):
         raise InputError("--beside", arguments.beside, "one of " + ", ".join(name for name in LAWS if name != "none"))
     if arguments.margins and (arguments.moves or arguments.random or arguments.only or arguments.machine):
         raise InputError("--margins", "with --moves, --random, --only or --machine", "one of them")
+    if arguments.learned and (arguments.moves or arguments.margins):
+        raise InputError("--learned", "with --moves or --margins", "one of them")
+    if arguments.learned and (arguments.law or "self_tuning_observer") != "self_tuning_observer":
+        raise InputError("--learned", arguments.law, "self_tuning_observer, the law that learns its axis")
     if not 1e-9 <= arguments.distance <= 1.0:
         raise InputError("--distance", arguments.distance, "metres from 1e-9 to 1")
     if not 1.0 <= arguments.factor <= 100.0:

@@ -33,8 +33,13 @@ ROBUSTNESS = (
     ("--moves", "1003", "--seed", "9000", "--only", "nominal", "backlash 0.1 deg", "backlash 0.25 deg",
      "backlash 0.5 deg", "backlash 1 deg", "backlash 0.5 deg, current noise 1 mA"),
     ("--margins", "--seeds", "2", "--seed", "12300"),
+    ("--learned", "--seeds", "5", "--seed", "12700", "--only", "nominal", "mass x 0.3", "mass x 3", "mass x 10",
+     "stiffness x 0.1", "stiffness x 0.33", "stiffness x 4", "rotor inertia x 0.25", "rotor inertia x 4",
+     "mass x 6, stiffness / 3", "mass x 6, axis file right", "damping of the drive / 5", "torque constant x 0.8",
+     "friction x 3"),
+    ("--learned", "--seeds", "1", "--seed", "12800", "--random", "200", "--first", "8200"),
 )
-"""Options of `robustness` for its five tables."""
+"""Options of `robustness` for its seven tables."""
 
 
 @dataclass(frozen=True)
