@@ -31,7 +31,7 @@ COUNTED = ("within two standard uncertainties", 2.0), ("within three", 3.0)
 
 
 def true_numbers(machine, law):
-    """{name of `NAMES`: number of the ``machine`` (an `Axis`), SI}, with which a ``law`` (a type) starts that is given it.
+    """{name of `NAMES`: number of the ``machine`` (an `Axis`), SI}, as a ``law`` (a type) starts that is given it.
 
     The moving mass is not in the file; the law makes it of rotor, gear and screw.
     """
