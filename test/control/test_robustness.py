@@ -2,6 +2,7 @@
 
 import json
 import math
+import pathlib
 
 import numpy as np
 import pytest
@@ -176,8 +177,12 @@ def test_what_is_learned_is_set_beside_the_machine_and_counted(tmp_path, capsys)
         assert true["stage_mass"] == pytest.approx(9.18) and true["stiffness"] == pytest.approx(1.2e7)
 
 
+EMPS = str(pathlib.Path(__file__).resolve().parents[2] / "config" / "emps.yaml")
+
+
 @pytest.mark.parametrize("wrong, words", [
-    (["--learned", "--moves", "3"], "--learned"), (["--learned", "--law", "pid"], "--learned"), (["--moves", "-1"], "--moves"), (["--moves", "1", "--distance", "0"], "--distance"),
+    (["--learned", "--moves", "3"], "--learned"), (["--learned", "--law", "pid"], "self_tuning_observer"),
+    (["--learned", "--axis", EMPS, "--law", "self_tuning_observer"], "a drive that is not rigid"), (["--moves", "-1"], "--moves"), (["--moves", "1", "--distance", "0"], "--distance"),
     (["--only", "mass x 77"], "--only"), (["--seeds", "0"], "--seeds"), (["--law", "none"], "--law"), (["--factor", "0.5"], "--factor"),
     (["--beside", "none"], "--beside"), (["--margins", "--moves", "3"], "--margins"),
 ])

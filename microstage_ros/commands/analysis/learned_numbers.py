@@ -12,10 +12,12 @@ from microstage_ros.commands import answer
 from microstage_ros.commands.progress import progress
 from microstage_ros.commands.tables import update_tables
 from microstage_ros.control.laws.controller import make_controller
+from microstage_ros.control.laws.registry import LAWS
 from microstage_ros.control.robustness import campaign
 from microstage_ros.control.runs.simulate import simulate
 from microstage_ros.files import write_text
 from microstage_ros.metrology.rates import rate
+from microstage_ros.quantities.errors import InputError
 
 NAMES = {  # as the table heads them: what a person reads is so many SI units
     "resonance": ("resonance (Hz)", 1.0),
@@ -39,7 +41,14 @@ def true_numbers(machine, law):
 
 
 def show_learned(arguments, axis, chosen, law):
-    """What is learned on every condition of ``chosen`` (`Condition` each), and how often it is right. Returns 0."""
+    """What is learned on every condition of ``chosen`` (`Condition` each), and how often it is right. Returns 0.
+
+    Raises InputError where the ``law`` (a type) learns nothing, or the ``axis`` has no drive train to be learned.
+    """
+    if LAWS[law].loop != "observer":
+        raise InputError("--law", law, "self_tuning_observer: no other law learns its axis")
+    if not set(NAMES) <= set(true_numbers(axis, law)):
+        raise InputError("--axis", arguments.axis, "a motor whose current is measured, on a drive that is not rigid")
     seeds = range(arguments.seed, arguments.seed + arguments.seeds)
     work = [(condition, seed) for condition in chosen for seed in seeds]
     with progress(law, total=len(work)) as bar, ThreadPoolExecutor(arguments.jobs) as pool:

@@ -183,10 +183,8 @@ def _parse(argv):
         raise InputError("--beside", arguments.beside, "one of " + ", ".join(name for name in LAWS if name != "none"))
     if arguments.margins and (arguments.moves or arguments.random or arguments.only or arguments.machine):
         raise InputError("--margins", "with --moves, --random, --only or --machine", "one of them")
-    if arguments.learned and (arguments.moves or arguments.margins):
-        raise InputError("--learned", "with --moves or --margins", "one of them")
-    if arguments.learned and (arguments.law or "self_tuning_observer") != "self_tuning_observer":
-        raise InputError("--learned", arguments.law, "self_tuning_observer, the law that learns its axis")
+    if arguments.learned and (arguments.moves or arguments.margins or arguments.beside or arguments.opponents):
+        raise InputError("--learned", "with --moves, --margins, --beside or --opponents", "--learned without them")
     if not 1e-9 <= arguments.distance <= 1.0:
         raise InputError("--distance", arguments.distance, "metres from 1e-9 to 1")
     if not 1.0 <= arguments.factor <= 100.0:
