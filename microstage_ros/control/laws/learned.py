@@ -2,14 +2,14 @@
 
 Read from the law's memory between two periods; what has not been learned yet is the axis file's number with the
 uncertainty that it started with. The models are those of `control.observer`: `inertia`, `wind_up`, `drive_learning`,
-`lost_motion`, `friction_level`. Uncertainties of quotients: JCGM 100:2008, 5.1.
+`lost_motion`, `friction_level`. Uncertainties of quotients: JCGM 100:2008, 5.1. They are those of the filters: what a
+wrong model adds is not in them (docs/evidence/control.md, what is learned of a machine).
 """
 
 import math
 from typing import NamedTuple
 
 from microstage_ros.control.observer.wind_up import DAMPING, FRICTION, RESONANCE, SPREADS, VARIES
-
 
 WORTH_SAYING = 0.1  # of the resonance, by which it is known, and by which it differs from the one said before
 
