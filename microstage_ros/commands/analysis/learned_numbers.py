@@ -67,9 +67,13 @@ def show_learned(arguments, axis, chosen, law):
     rows = [_row(name, truths[name], [each for own, _, each in runs if own == name]) for name in alike]
     rows += [[words, *(_share(runs, name, width) for name in NAMES)] for words, width in COUNTED]
     title = f"{law}, what is learned{f' of {arguments.random} random machines' if arguments.random else ''}"
+    shown = (
+        "the machine's number, then the median of what is learned at the end of the program and of its standard"
+        " uncertainty"
+    )
+    shown = "runs whose number lies so near to the machine's at the end of the program" if arguments.random else shown
     remark = (
-        f"Seeds {seeds[0]} … {seeds[-1]}: the machine's number, then the median of what is learned at the end of the"
-        " program and of its standard uncertainty. Effects are none of the machine's numbers. Intervals of 95 %, exact."
+        f"Seeds {seeds[0]} … {seeds[-1]}: {shown}. Effects are none of the machine's numbers. Intervals of 95 %, exact."
     )
     table = Table(*HEADS, title=title, caption=remark)
     for cells in rows:
