@@ -53,10 +53,10 @@ def test_slow_motion_has_a_say(monkeypatch):
 
 
 def test_friction_that_is_stiffer_than_identified_makes_no_hunting():
-    """On a machine 2.2 times as stiff before sliding as its file says slow motion hunts with the file's model.
+    """On a machine 2.2 times as stiff before sliding as its file says slow motion hunts with the file's model now and then.
 
-    By 504 nm in the median of 60 records, and less than 200 nm in 2 (0.4 to 11.5 %); by 29 nm with the stiffer one, and
-    more than 100 nm in 2: held to the median of seven.
+    By more than 200 nm in 15 of 60 records (58 before the drive train was learned), 36 nm in the median; with the
+    stiffer one by 28 nm in the median and 36 at most.
     """
     truth = random_axis(load_axis(config_file("axis.yaml")), 7305)
     key = "contacts.actuator.stiffness"
@@ -65,9 +65,9 @@ def test_friction_that_is_stiffer_than_identified_makes_no_hunting():
 
     def error(gains):
         slow = Run(program=[{"sine": law_choice.SLOW_SINE}], start_m=0.0, controller={"type": OBSERVER, **doubt, **gains})
-        records = (simulate(axis, slow, seed, machine=truth) for seed in range(11, 18))
+        records = (simulate(axis, slow, seed, machine=truth) for seed in range(11, 31))
         left = [np.abs(found["stage_m"] - found["reference_m"]) for found in records]
-        return np.median([one[len(one) // 4:].max() for one in left])
+        return max(one[len(one) // 4:].max() for one in left)
 
     assert error(law_choice.STIFFER) < 1e-7 < 2e-7 < error({})
 
