@@ -164,7 +164,7 @@ def test_margins_and_what_they_cost_are_printed_and_written(tmp_path, monkeypatc
     assert stiff["largest"][0] < 6e-8 < 2e-7 > loose["largest"][0] and "| frozen | 6 | 4 | 1 | 6.2 | 39 |" in page.read_text()
 
 
-def test_what_is_learned_is_set_beside_the_machine_and_counted(tmp_path, capsys):
+def test_what_is_learned_is_set_beside_the_machine_and_counted(tmp_path):
     """Of three times the mass the file tells nothing: 182 Hz in place of 315."""
     page, place = tmp_path / "page.md", tmp_path / "learned.json"
     page.write_text("<!-- robustness: self_tuning_observer, what is learned -->\n<!-- end -->\n")

@@ -121,7 +121,9 @@ REST_TIME = 0.2
 # 1003 --only "backlash 0.5 deg"`: 16 moves missed, 18 with 8 and 35 with 2)
 AT_REST, SETTLES = 4.0, 0.05
 FADE = 1e-2  # 1/s, of the logarithm
-RESTORED = 0.05  # s, in which a voltage is believed again that swings of a heavy stage or a soft drive threw doubt on
+# s, in which a voltage is believed again that swings of a heavy stage raised a doubt in: some of its periods (10 ms).
+# Calibrated with the tilted stage of six times the mass and random machine 4059, as `wind_up` tells
+RESTORED = 0.05
 # calibrated with `robustness`, all conditions: used on the doubts of heavy stages and soft drives too, their first fast
 # moves fail
 RELAX = 1.0  # 1/s, of the logarithm
